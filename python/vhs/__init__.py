@@ -1,0 +1,1 @@
+"""Hindsight goals for reinforcement learning from images."""

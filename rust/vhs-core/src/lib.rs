@@ -1,0 +1,1 @@
+//! Hindsight storage for reinforcement learning from images.
