@@ -1,0 +1,60 @@
+# One door to everything. `make help` lists the rooms.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+RUST := $(shell find rust -name '*.rs' -not -path '*/target/*') $(shell find rust -name Cargo.toml) Cargo.toml Cargo.lock
+CONFIG ?= configs/task2.yaml
+ARGS ?=
+
+.PHONY: help train test lint format bench ci clean
+.DEFAULT_GOAL := help
+
+help:  ## show this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## /{printf "make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+train: $(VENV)/.train $(VENV)/.built  ## train a VHS agent on Task 2, or resume it (CONFIG=..., ARGS="--set ...")
+	$(BIN)/vhs train --config $(CONFIG) $(ARGS)
+
+test: lint  ## every check: lints, types, Rust tests, Python tests
+	cargo test --workspace --exclude vhs-py
+	$(BIN)/python -m pytest $(ARGS)
+
+lint: $(VENV)/.dev $(VENV)/.built  ## formatting, clippy, ruff, mypy, the stub against the module, docs
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --quiet
+	$(BIN)/ruff format --check
+	$(BIN)/ruff check
+	$(BIN)/mypy
+	$(BIN)/python -m mypy.stubtest vhs._core --allowlist .mypy-stubtest-allowlist
+
+format: $(VENV)/.dev  ## format the Rust and the Python code
+	cargo fmt --all
+	$(BIN)/ruff format
+	$(BIN)/ruff check --fix
+
+bench: $(VENV)/.dev $(VENV)/.built  ## run every benchmark; each asserts its own result first
+	set -e; for file in benchmarks/bench_*.py; do $(BIN)/python $$file; done
+
+ci: test  ## what the continuous integration runs: the same as test
+
+clean:  ## remove the environment and everything that was built
+	rm -rf $(VENV) target
+
+$(BIN)/maturin:
+	$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(None if v >= (3, 11) else "vhs needs Python 3.11 or newer, found %d.%d; say which one: make PYTHON=python3.11" % v)'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet "maturin>=1.9.4,<2"
+
+# Stamps: .train and .dev hold what each extra brings, .built is the extension module of the present Rust sources.
+$(VENV)/.train: pyproject.toml | $(BIN)/maturin
+	$(BIN)/pip install --no-build-isolation -e ".[train]"
+	touch $@
+
+$(VENV)/.dev: pyproject.toml | $(BIN)/maturin
+	$(BIN)/pip install --no-build-isolation -e ".[dev]"
+	touch $@ $(VENV)/.train
+
+$(VENV)/.built: $(RUST) | $(BIN)/maturin
+	VIRTUAL_ENV=$(CURDIR)/$(VENV) $(BIN)/maturin develop --release --skip-install
+	touch $@

@@ -1,0 +1,230 @@
+"""Visual hindsight self-imitation on an actor-critic: paper Algorithm 1 and Eq. 6.
+
+One update embeds every image it needs - episodes and goal images - in one pass of the extractor, so that the
+batch norm normalises f(o_T) and the features behind the prototypes alike; runs the LSTM once over the
+episodes as they happened and, under the goal that they reached, over those that are relabelled; and makes one
+optimiser step.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from vhs import EpisodeBatch, GoalStore, Hindsight, Prototypes, Rng, discounted_returns, relabel
+from vhs.config import MethodSection, TrainSection
+from vhs.errors import DivergenceError
+from vhs.losses import ImitationTerms, actor_critic_loss, hindsight_imitation_loss, supcon_loss
+from vhs.models import GoalAgent
+
+
+class _Goals(NamedTuple):
+    """A class-balanced batch of goal images and their classes."""
+
+    observations: Tensor
+    labels: Tensor
+
+
+class VHS:
+    """The agent with its goal store, prototypes and optimiser.
+
+    The goal store is read here and filled by the training loop; goal embeddings are constants in every loss.
+    """
+
+    def __init__(
+        self,
+        agent: GoalAgent,
+        goal_store: GoalStore,
+        prototypes: Prototypes,
+        *,
+        method: MethodSection,
+        train: TrainSection,
+        success_reward: float,
+        dtype: torch.dtype,
+        rng: Rng,
+    ) -> None:
+        """Join the parts.
+
+        Args:
+            agent: the networks, on the device they stay on.
+            goal_store: images of reached goals.
+            prototypes: running goal embeddings.
+            method: weights and switches of the method.
+            train: optimiser settings.
+            success_reward: what the environment pays for the last step of a success, unscaled.
+            dtype: type in which the convolutions multiply.
+            rng: the source of the relabelling decisions.
+        """
+        self.agent = agent
+        self.goal_store = goal_store
+        self.prototypes = prototypes
+        self.optimiser = torch.optim.Adam(agent.parameters(), lr=train.learning_rate, amsgrad=True)
+        self.rng = rng
+        self.updates = 0
+        self._method = method
+        self._train = train
+        self._success_reward = success_reward
+        self.dtype = dtype
+        self._device = agent.gate.weight.device
+
+    def embed_goal(self, label: int) -> Tensor:
+        """The goal embedding p^x of a class for one episode (paper Eq. 4): N(0, 1) while there is no prototype.
+
+        Returns:
+            float32, shape [feature_dim].
+        """
+        if self._method.prototype == "exact" and self.is_warm:
+            self._refresh_exactly(label)
+        embedding = self.prototypes.embed(np.array([label], dtype=np.int64))[0]
+        return torch.from_numpy(embedding).to(self._device)
+
+    @property
+    def is_warm(self) -> bool:
+        """Whether the store holds enough images for SupCon and prototypes."""
+        return len(self.goal_store) >= self._method.warmup
+
+    def update(self, batch: EpisodeBatch, goals: Tensor) -> dict[str, float]:
+        """Learn from finished episodes: L = L_RL + supcon_weight L_s + vhs_weight L_VHS (paper Eq. 6).
+
+        Args:
+            batch: the episodes.
+            goals: the goal embedding each was acted under, shape [B, feature_dim].
+
+        Returns:
+            The value of each term, unweighted, the gradient's norm before clipping and the share of
+            relabelled episodes.
+
+        Raises:
+            DivergenceError: the loss is not finite; the weights are as before.
+        """
+        hindsight = relabel(
+            batch, on=self._method.relabel_on, probability=self._method.relabel_probability, rng=self.rng
+        )
+        stored = self._sample_goals()
+        self.agent.train()
+        episode_features, goal_features = self._embed(batch, stored)
+        terms = self._episode_losses(batch, hindsight, episode_features, goals)
+        if stored is not None:
+            terms["supcon"] = supcon_loss(goal_features, stored.labels, self._method.supcon_temperature)
+        grad_norm = self._step(terms)
+        if stored is not None and self._method.prototype == "running":
+            self.prototypes.update(_numpy(goal_features), _numpy(stored.labels))
+        self.updates += 1
+        metrics = {name: term.item() for name, term in terms.items()}
+        return metrics | {"grad_norm": grad_norm, "relabelled": float(hindsight.selected.mean())}
+
+    def _embed(self, batch: EpisodeBatch, stored: _Goals | None) -> tuple[Tensor, Tensor]:
+        """One extractor pass over the episodes and the goal images: the same batch statistics for both."""
+        observations = torch.from_numpy(batch.observations).to(self._device)
+        count = len(observations)
+        if stored is not None:
+            observations = torch.cat([observations, stored.observations])
+        features = self.agent.extractor(observations, self.dtype)
+        return features[:count], features[count:]
+
+    def _episode_losses(
+        self, batch: EpisodeBatch, hindsight: Hindsight, features: Tensor, goals: Tensor
+    ) -> dict[str, Tensor]:
+        """The terms of L_RL on every episode and of L_VHS on the relabelled ones, by one run of the LSTM."""
+        episodes, steps = batch.actions.shape
+        chosen = self._tensor(np.flatnonzero(hindsight.selected))
+        rows = self._tensor(batch.offsets).unsqueeze(1) + torch.arange(steps, device=self._device)
+        sequences = features[rows.clamp(max=len(features) - 1)]
+        reached = features[self._tensor(hindsight.goal_rows)[chosen]].detach()
+        log_probs, values, _ = self.agent(
+            torch.cat([sequences, sequences[chosen]]),
+            torch.cat([goals, reached]),
+            torch.cat([self._tensor(batch.interactions), self._tensor(hindsight.interactions)[chosen]]),
+        )
+        actions, valid = self._tensor(batch.actions), self._tensor(batch.mask).float()
+        returns = self._tensor(
+            discounted_returns(batch.rewards * self._train.reward_scale, batch.lengths, self._train.gamma)
+        )
+        rl = actor_critic_loss(log_probs[:episodes], actions, values[:episodes], returns, valid)
+        imitation = ImitationTerms(values.new_zeros(()), values.new_zeros(()))
+        if len(chosen):
+            targets = self._tensor(self._hindsight_values(batch))[chosen]
+            imitation = hindsight_imitation_loss(
+                log_probs[episodes:], actions[chosen], values[episodes:], targets, valid[chosen], valid.sum()
+            )
+        return {
+            "policy": rl.policy,
+            "value": rl.value,
+            "entropy": rl.entropy,
+            "imitation_policy": imitation.policy,
+            "imitation_value": imitation.value,
+        }
+
+    def _hindsight_values(self, batch: EpisodeBatch) -> NDArray[np.float32]:
+        """The target v_i of the hindsight value, shape [B, T] (paper: the critic's value when acting)."""
+        if self._method.value_target == "behaviour":
+            return batch.values
+        rewards = batch.rewards.copy()
+        rewards[np.arange(len(rewards)), batch.lengths - 1] = self._success_reward
+        return discounted_returns(rewards * self._train.reward_scale, batch.lengths, self._train.gamma)
+
+    def _step(self, terms: dict[str, Tensor]) -> float:
+        """Weigh the terms and make one optimiser step; the gradient's norm before clipping."""
+        loss = terms["policy"] + self._train.value_weight * terms["value"]
+        loss = loss - self._train.entropy_weight * terms["entropy"]
+        loss = loss + self._method.vhs_weight * (terms["imitation_policy"] + terms["imitation_value"])
+        if "supcon" in terms:
+            loss = loss + self._method.supcon_weight * terms["supcon"]
+        if not torch.isfinite(loss):
+            found = ", ".join(f"{name} {term.item():.3g}" for name, term in terms.items())
+            raise DivergenceError(f"update {self.updates + 1}: expected a finite loss, found {found}")
+        self.optimiser.zero_grad(set_to_none=True)
+        loss.backward()
+        norm = nn.utils.clip_grad_norm_(self.agent.parameters(), self._train.max_grad_norm)
+        if not torch.isfinite(norm):
+            raise DivergenceError(
+                f"update {self.updates + 1}: expected a finite gradient, found norm {norm.item()}"
+            )
+        self.optimiser.step()
+        return norm.item()
+
+    def _sample_goals(self) -> _Goals | None:
+        if not self.is_warm:
+            return None
+        observations, labels = self.goal_store.sample(self._method.supcon_batch, balanced=True)
+        return _Goals(self._tensor(observations), self._tensor(labels))
+
+    def _refresh_exactly(self, label: int) -> None:
+        """Set p^x to the mean feature of stored images, with running statistics as when acting."""
+        if self.goal_store.counts[label] == 0:
+            return
+        images = self.goal_store.sample_class(label, self._method.prototype_samples)
+        self.agent.eval()
+        with torch.inference_mode():
+            features = self.agent.extractor(self._tensor(images), self.dtype)
+        self.prototypes.update(_numpy(features), np.full(len(images), label, dtype=np.int64))
+
+    def _tensor(self, array: NDArray[Any]) -> Tensor:
+        return torch.from_numpy(array).to(self._device)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything that an update reads or changes, but for the goal store (which saves itself)."""
+        return {
+            "agent": self.agent.state_dict(),
+            "optimiser": self.optimiser.state_dict(),
+            "prototypes": self.prototypes.state_dict(),
+            "rng": self.rng.state_dict(),
+            "updates": self.updates,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Return to a state that `state_dict` gave."""
+        self.agent.load_state_dict(state["agent"])
+        self.optimiser.load_state_dict(state["optimiser"])
+        self.prototypes.load_state_dict(state["prototypes"])
+        self.rng.load_state_dict(state["rng"])
+        self.updates = int(state["updates"])
+
+
+def _numpy(tensor: Tensor) -> NDArray[Any]:
+    array: NDArray[Any] = tensor.detach().cpu().numpy()
+    return array

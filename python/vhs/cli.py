@@ -1,0 +1,116 @@
+"""The command line: ``vhs train`` and ``vhs eval``.
+
+Heavy imports wait until a command needs them, so that ``vhs --help`` answers at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from vhs import VhsError, __version__
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; the exit status is 0, 1 for an explained error, 130 for a run that was stopped."""
+    options = _parser().parse_args(arguments)
+    try:
+        status: int = options.run(options)
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition(".")[0] == "vhs":
+            raise
+        print(f"vhs: {error.name} is not installed; pip install 'vhs[train]'", file=sys.stderr)
+        return 1
+    except VhsError as error:
+        print(f"vhs: {error}", file=sys.stderr)
+        return 1
+    return status
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="vhs", description="Hindsight goals for reinforcement learning from images."
+    )
+    parser.add_argument("--version", action="version", version=f"vhs {__version__}")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    _add_train(commands.add_parser("train", help="train an agent, or resume its training"))
+    _add_eval(commands.add_parser("eval", help="measure a trained agent"))
+    return parser
+
+
+def _add_train(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--config",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="YAML overlay; may be repeated",
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="set one key, after all files; may be repeated",
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="directory of the run (default: runs/TASK-METHOD-seedN)"
+    )
+    parser.set_defaults(run=_train)
+
+
+def _add_eval(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("run_directory", type=Path, metavar="RUN", help="directory of a run")
+    parser.add_argument(
+        "--episodes", type=_positive, default=300, metavar="N", help="episodes to play (default: 300)"
+    )
+    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="which rooms (default: 0)")
+    parser.add_argument("--greedy", action="store_true", help="take the likeliest action instead of sampling")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=_eval)
+
+
+def _train(options: argparse.Namespace) -> int:
+    from vhs.config import load_config
+    from vhs.train import train
+    from vhs.train.directory import default_run_directory
+
+    config = load_config(options.config, options.set)
+    finished = train(config, options.out or default_run_directory(config))
+    return 0 if finished else 130
+
+
+def _eval(options: argparse.Namespace) -> int:
+    from vhs.eval import evaluate
+
+    result = evaluate(
+        options.run_directory, episodes=options.episodes, seed=options.seed, greedy=options.greedy
+    ).as_dict()
+    if options.json:
+        print(json.dumps(result))
+    else:
+        for name, value in result.items():
+            print(f"{name} {value:.3f}" if isinstance(value, float) else f"{name} {value}")
+    return 0
+
+
+def _positive(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"expected at least 1, found {text}")
+    return number
+
+
+def _seed(text: str) -> int:
+    number = int(text)
+    if number < 0:
+        raise argparse.ArgumentTypeError(f"expected at least 0, found {text}")
+    return number
+
+
+if __name__ == "__main__":
+    sys.exit(main())

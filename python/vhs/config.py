@@ -1,0 +1,239 @@
+"""The configuration of a training run: schema, defaults, units and files.
+
+Every number of a run is a field here, once; a file or ``--set`` only overrides. The resolved configuration is
+frozen and is saved with the run. "Paper" in a comment means the hyperparameter table of Kim et al., "Visual
+Hindsight Self-Imitation Learning for Interactive Navigation"; what departs from it says why.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
+
+from vhs.errors import ConfigError
+
+Probability = Annotated[float, Field(ge=0.0, le=1.0)]
+PositiveInt = Annotated[int, Field(ge=1)]
+NonNegativeFloat = Annotated[float, Field(ge=0.0)]
+PositiveFloat = Annotated[float, Field(gt=0.0)]
+OutcomeName = Literal["failure", "timeout"]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class EnvSection(_Section):
+    """The rooms that the run collects from."""
+
+    num_envs: PositiveInt = 8
+    """Rooms stepped side by side (paper: 5 processes of one room)."""
+    renderer: str = "mujoco"
+    """What draws the camera image, as `vhs.envs` names it."""
+    room: dict[str, Any] = Field(default_factory=dict)
+    """Overrides of `vhs.envs.RoomConfig`, for example ``{turn_deg: 30}``."""
+
+
+class ModelSection(_Section):
+    """The network (paper, appendix "Implementation Details")."""
+
+    channels: Annotated[tuple[PositiveInt, ...], Field(min_length=4, max_length=4)] = (16, 32, 32, 64)
+    """Output channels of the four convolutions; the paper-size network is (32, 64, 128, 256)."""
+    feature_dim: PositiveInt = 256
+    """Length of f(o) and of a prototype (paper: 256)."""
+    hidden_dim: PositiveInt = 256
+    """LSTM state (paper: 256)."""
+    head_dim: PositiveInt = 128
+    """Hidden layer of the policy and of the value head (the paper gives no number)."""
+    interaction_dim: PositiveInt = 16
+    """Length of the interaction embedding (the paper gives no number)."""
+    frame_stack: PositiveInt = 2
+    """Frames in an observation (paper: 2)."""
+
+
+class MethodSection(_Section):
+    """What makes VHS out of an actor-critic: goals, prototypes, relabelling."""
+
+    name: Literal["vhs"] = "vhs"
+    supcon_weight: NonNegativeFloat = 0.5
+    """Weight of the SupCon loss (paper: 0.5)."""
+    supcon_batch: Annotated[int, Field(ge=2)] = 64
+    """Goal images in a SupCon batch (paper: 64)."""
+    supcon_temperature: PositiveFloat = 0.07
+    """Temperature tau_s (paper: 0.07)."""
+    warmup: PositiveInt = 150
+    """Goal images in the store before SupCon and the prototypes start (paper: 150)."""
+    goal_capacity: PositiveInt = 500
+    """Goal images kept a class, the oldest leave first (the paper gives no bound)."""
+    prototype: Literal["running", "exact"] = "running"
+    """`running` reuses the features of the SupCon batch; `exact` embeds `prototype_samples` images a class
+    (paper)."""
+    prototype_momentum: Probability = 0.9
+    """Share of the old prototype that a running update keeps."""
+    prototype_samples: PositiveInt = 64
+    """Images a class behind an exact prototype (paper: 64)."""
+    relabel_probability: Probability = 0.8
+    """Chance that an episode of `relabel_on` is relabelled (paper: eta = 0.8)."""
+    relabel_on: tuple[OutcomeName, ...] = ("failure",)
+    """Outcomes that are relabelled (paper: failure; its ablation adds timeout)."""
+    vhs_weight: NonNegativeFloat = 1.0
+    """Weight of the self-imitation loss (paper: beta, no number given)."""
+    value_target: Literal["behaviour", "hindsight_return"] = "behaviour"
+    """Target of the hindsight value: the critic's value when acting (paper), or the return as if it had
+    succeeded."""
+
+
+class TrainSection(_Section):
+    """The optimisation and the bookkeeping of a run."""
+
+    episodes: PositiveInt = 150_000
+    """Episodes until the run is finished."""
+    episodes_per_update: PositiveInt = 4
+    """Episodes behind an optimiser step (paper: 1; a trial with 16 needed 2.7 times the episodes of 4)."""
+    learning_rate: PositiveFloat = 3e-4
+    """Adam with AMSGrad (paper: 1e-4 for one episode an update)."""
+    gamma: Probability = 0.99
+    """Discount (paper: 0.99)."""
+    reward_scale: PositiveFloat = 0.1
+    """Factor on the environment's reward; at 1 the policy's entropy collapses."""
+    value_weight: NonNegativeFloat = 0.5
+    entropy_weight: NonNegativeFloat = 0.01
+    """Entropy coefficient (paper: 0.01)."""
+    max_grad_norm: PositiveFloat = 10.0
+    """Gradient clip (paper: 10)."""
+    precision: Literal["auto", "float32", "bfloat16"] = "auto"
+    """Type of the convolutions; `auto` takes bfloat16 where the CPU multiplies it in hardware."""
+    device: str = "cpu"
+    threads: PositiveInt = 1
+    """Threads of torch: two spinning threads collapse as soon as another process is busy."""
+    log_every: PositiveInt = 500
+    """Episodes between two rows of the log; rates are over that window."""
+    checkpoint_every_s: PositiveFloat = 300.0
+    """Seconds between two checkpoints."""
+    keep_checkpoints: PositiveInt = 2
+
+
+class Config(_Section):
+    """Everything that defines a run; frozen once resolved."""
+
+    task: Literal["task1", "task2", "task3"] = "task2"
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    env: EnvSection = Field(default_factory=EnvSection)
+    model: ModelSection = Field(default_factory=ModelSection)
+    method: MethodSection = Field(default_factory=MethodSection)
+    train: TrainSection = Field(default_factory=TrainSection)
+
+    @model_validator(mode="after")
+    def _warmup_fits_store(self) -> Config:
+        if self.method.warmup > self.method.goal_capacity:
+            raise ValueError(
+                f"method.warmup: expected at most method.goal_capacity = {self.method.goal_capacity}, "
+                f"found {self.method.warmup}; with one class alone the store would never hold that many"
+            )
+        return self
+
+
+def load_config(paths: Sequence[Path | str] = (), overrides: Iterable[str] = ()) -> Config:
+    """Resolve a configuration: defaults, then each file in order, then each ``key=value``.
+
+    Args:
+        paths: YAML files, each a mapping of some of the sections of `Config`.
+        overrides: dotted assignments such as ``train.learning_rate=1e-4``.
+
+    Raises:
+        ConfigError: a file that cannot be read, an unknown key (the nearest right one is named), a value of
+            the wrong type or out of range.
+    """
+    tree: dict[str, Any] = {}
+    for path in paths:
+        _merge(tree, _read(Path(path)))
+    for assignment in overrides:
+        _merge(tree, _parse_assignment(assignment))
+    try:
+        return Config.model_validate(tree)
+    except ValidationError as error:
+        raise ConfigError("\n".join(_explain(detail) for detail in error.errors())) from None
+
+
+def dump_config(config: Config) -> str:
+    """The configuration as YAML that `load_config` reads back to the same value."""
+    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: expected YAML, found {error}") from error
+    if tree is None:
+        return {}
+    if not isinstance(tree, dict):
+        raise ConfigError(f"{path}: expected a mapping of sections, found {type(tree).__name__}")
+    return tree
+
+
+def _parse_assignment(assignment: str) -> dict[str, Any]:
+    key, equals, text = assignment.partition("=")
+    if not equals or not key.strip():
+        raise ConfigError(f"--set: expected key=value, found {assignment!r}")
+    try:
+        value = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ConfigError(f"--set {key}: expected a YAML value, found {text!r}") from error
+    for part in reversed(key.strip().split(".")):
+        value = {part: value}
+    return dict(value)
+
+
+def _merge(tree: dict[str, Any], overlay: Mapping[str, Any]) -> None:
+    for key, value in overlay.items():
+        present = tree.get(key)
+        if isinstance(present, dict) and isinstance(value, Mapping):
+            _merge(present, value)
+        else:
+            tree[key] = dict(value) if isinstance(value, Mapping) else value
+
+
+def _explain(detail: ErrorDetails) -> str:
+    where = ".".join(str(part) for part in detail["loc"])
+    if detail["type"] == "extra_forbidden":
+        return _explain_unknown(where)
+    if detail["type"] == "value_error":
+        return str(detail["ctx"]["error"])
+    found = detail["input"]
+    shown = "nothing" if found is None else repr(found)
+    return f"{where}: expected {_expected(detail['msg'])}, found {shown}"
+
+
+def _expected(message: str) -> str:
+    """Turn pydantic's "Input should be X" into "X"."""
+    return message.removeprefix("Input should be ").removeprefix("a valid ").partition(", unable to")[0]
+
+
+def _explain_unknown(where: str) -> str:
+    keys = list(known_keys())
+    nearest = difflib.get_close_matches(where, keys, n=1, cutoff=0.5) or difflib.get_close_matches(
+        where.rpartition(".")[2], [key.rpartition(".")[2] for key in keys], n=1, cutoff=0.6
+    )
+    hint = ""
+    if nearest:
+        full = next(key for key in keys if key == nearest[0] or key.rpartition(".")[2] == nearest[0])
+        hint = f"; did you mean `{full}`?"
+    return f"unknown key `{where}`{hint}"
+
+
+def known_keys(section: type[BaseModel] = Config, prefix: str = "") -> Iterable[str]:
+    """Dotted names of every key of a configuration, sections included."""
+    for name, field in section.model_fields.items():
+        yield prefix + name
+        kind = field.annotation
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            yield from known_keys(kind, f"{prefix}{name}.")

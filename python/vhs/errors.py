@@ -1,0 +1,22 @@
+"""Errors that the Python half raises; those of the Rust core come from `vhs._core`.
+
+A user can catch `VhsError` for both.
+"""
+
+from __future__ import annotations
+
+from vhs._core import VhsError
+
+__all__ = ["CheckpointError", "ConfigError", "DivergenceError", "VhsError"]
+
+
+class ConfigError(VhsError, ValueError):
+    """A configuration that cannot be used: unknown key, wrong type, out of range, unreadable file."""
+
+
+class CheckpointError(VhsError, RuntimeError):
+    """A run directory or checkpoint that is missing, damaged or made with another configuration."""
+
+
+class DivergenceError(VhsError, ArithmeticError):
+    """A loss or gradient that is not finite; the weights were left as they were."""

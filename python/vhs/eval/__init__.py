@@ -1,0 +1,5 @@
+"""Evaluation of trained agents."""
+
+from vhs.eval.evaluate import Evaluation, evaluate
+
+__all__ = ["Evaluation", "evaluate"]

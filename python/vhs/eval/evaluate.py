@@ -1,0 +1,111 @@
+"""Success rate and SPL of a trained agent over episodes that training never saw.
+
+SPL is success weighted by optimal over taken steps (Anderson et al. 2018, "On Evaluation of Embodied
+Navigation Agents", Eq. 1), with actions as the length; the optimum is the oracle's, which plans with the true
+state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from vhs import Outcome
+from vhs.config import Config
+from vhs.envs import optimal_steps
+from vhs.train.actor import Actor
+from vhs.train.build import check_device, make_buffer, make_envs, make_learner
+from vhs.train.checkpoint import load_checkpoint
+from vhs.train.directory import read_config
+from vhs.train.log import summarise
+from vhs.train.rollout import EndedEpisode, Rollout, episode_seeds
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """Rates over the evaluated episodes."""
+
+    success: float
+    failure: float
+    timeout: float
+    spl: float
+    """Success weighted by optimal / taken steps."""
+    steps: float
+    """Mean actions an episode."""
+    optimal_steps: float
+    """Mean actions of the oracle in the same episodes."""
+    episodes: int
+    seed: int
+    trained_episodes: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """The fields by name."""
+        return asdict(self)
+
+
+def evaluate(run: Path, *, episodes: int = 300, seed: int = 0, greedy: bool = False) -> Evaluation:
+    """Evaluate the newest checkpoint of a run.
+
+    Args:
+        run: directory of the run.
+        episodes: how many, each in a room of its own (paper: 300).
+        seed: which rooms; the same seed gives the same rooms for every run.
+        greedy: take the likeliest action instead of sampling from the policy.
+
+    Raises:
+        CheckpointError: the run is missing or damaged.
+    """
+    config = read_config(run)
+    check_device(config)
+    state, goal_store = load_checkpoint(run)
+    torch.set_num_threads(config.train.threads)
+    ended = _play(config, state, goal_store, episodes=episodes, seed=seed, greedy=greedy)
+    optimal = _optimal(config, [episode.seed for episode in ended])
+    taken = np.array([episode.steps for episode in ended])
+    success = np.array([episode.outcome == Outcome.SUCCESS for episode in ended])
+    rates = summarise(ended)
+    return Evaluation(
+        success=rates["success"],
+        failure=rates["failure"],
+        timeout=rates["timeout"],
+        spl=float((success * optimal / np.maximum(taken, optimal)).mean()),
+        steps=rates["steps"],
+        optimal_steps=float(optimal.mean()),
+        episodes=episodes,
+        seed=seed,
+        trained_episodes=int(state["progress"]["episodes"]),
+    )
+
+
+def _play(
+    config: Config, state: dict[str, Any], goal_store: Any, *, episodes: int, seed: int, greedy: bool
+) -> list[EndedEpisode]:
+    """Run every episode once; their order does not matter to any mean."""
+    envs = make_envs(config, min(config.env.num_envs, episodes))
+    learner = make_learner(config, envs[0])
+    learner.load_state_dict(state["learner"])
+    learner.goal_store = goal_store
+    generator = torch.Generator().manual_seed(seed)
+    actor = Actor(learner.agent, len(envs), dtype=learner.dtype, generator=generator, greedy=greedy)
+    buffer = make_buffer(config, envs[0], len(envs), len(envs))
+    seeds = islice(episode_seeds(seed, purpose=1), episodes)
+    rollout = Rollout(envs, actor, buffer, learner.embed_goal, seeds)
+    ended: list[EndedEpisode] = []
+    while not rollout.is_done:
+        ended += rollout.step()
+    return ended
+
+
+def _optimal(config: Config, seeds: list[int]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Length of the oracle's plan for each seed."""
+    env = make_envs(config, 1)[0]
+    lengths = []
+    for seed in seeds:
+        env.reset(seed=seed)
+        lengths.append(optimal_steps(env))
+    return np.array(lengths, dtype=np.float64)

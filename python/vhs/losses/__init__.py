@@ -1,0 +1,13 @@
+"""Losses as formulas: tensors in, tensors out, no configuration."""
+
+from vhs.losses.actor_critic import ActorCriticTerms, actor_critic_loss
+from vhs.losses.contrastive import supcon_loss
+from vhs.losses.imitation import ImitationTerms, hindsight_imitation_loss
+
+__all__ = [
+    "ActorCriticTerms",
+    "ImitationTerms",
+    "actor_critic_loss",
+    "hindsight_imitation_loss",
+    "supcon_loss",
+]

@@ -1,0 +1,55 @@
+"""The visual hindsight self-imitation loss: paper Eq. 5."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from torch import Tensor
+
+from vhs.losses.shapes import check_shape
+
+
+class ImitationTerms(NamedTuple):
+    """The two terms, each divided by the number of steps it is a mean over, shape []."""
+
+    policy: Tensor
+    value: Tensor
+
+
+def hindsight_imitation_loss(
+    log_probs: Tensor, actions: Tensor, values: Tensor, value_targets: Tensor, valid: Tensor, steps: Tensor
+) -> ImitationTerms:
+    """Imitate the actions and values of episodes under the goal that they reached.
+
+    Args:
+        log_probs: log pi(. | o_i, f(o_T), a_T) in nats, shape [B, T, A].
+        actions: a_i, int64, shape [B, T].
+        values: V(o_i | f(o_T), a_T), shape [B, T].
+        value_targets: v_i, shape [B, T]; a constant.
+        valid: 1 inside the episode, 0 after its end, shape [B, T].
+        steps: number of steps to divide by, shape []. The steps of *all* episodes of the update make a
+            relabelled step weigh as much as a step of the RL loss, which is what the paper's update on one
+            episode does.
+
+    Returns:
+        -log pi(a_i) and (V_i - v_i)^2, summed over the valid steps and divided by `steps`.
+
+    Raises:
+        ShapeError: the tensors do not fit together.
+    """
+    check_shape("B T A", log_probs=log_probs)
+    check_shape(
+        "B T",
+        log_probs=log_probs[..., 0],
+        actions=actions,
+        values=values,
+        value_targets=value_targets,
+        valid=valid,
+    )
+    taken = log_probs.gather(-1, actions.unsqueeze(-1)).squeeze(-1)
+    error = values - value_targets.detach()
+    count = steps.clamp(min=1)
+    return ImitationTerms(
+        policy=-(taken * valid).sum() / count,
+        value=(error.square() * valid).sum() / count,
+    )

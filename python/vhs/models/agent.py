@@ -1,0 +1,85 @@
+"""The agent: features gated by a goal embedding, an LSTM, a policy head and a value head.
+
+Gated attention after Chaplot et al. 2018; the interaction embedding enters before and after the LSTM (paper,
+appendix "Implementation Details"). A goal is a vector, whoever made it: a prototype when acting, f(o_T) in
+hindsight.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import Tensor, nn
+
+from vhs.models.extractor import FeatureExtractor
+
+
+class RecurrentState(NamedTuple):
+    """LSTM state, each of shape [B, hidden_dim]."""
+
+    hidden: Tensor
+    cell: Tensor
+
+
+class GoalAgent(nn.Module):
+    """pi(a | o, goal, interaction) and V(o | goal, interaction) over a shared extractor and LSTM."""
+
+    def __init__(
+        self,
+        extractor: FeatureExtractor,
+        *,
+        num_actions: int,
+        num_interactions: int,
+        hidden_dim: int,
+        head_dim: int,
+        interaction_dim: int,
+    ) -> None:
+        """Build the layers behind `extractor`."""
+        super().__init__()
+        feature_dim = extractor.project.out_features
+        self.hidden_dim = hidden_dim
+        self.extractor = extractor
+        self.gate = nn.Linear(feature_dim, feature_dim)
+        self.interaction = nn.Embedding(num_interactions, interaction_dim)
+        self.lstm = nn.LSTM(2 * feature_dim + interaction_dim, hidden_dim, batch_first=True)
+        self.policy = _head(hidden_dim + interaction_dim, head_dim, num_actions)
+        self.value = _head(hidden_dim + interaction_dim, head_dim, 1)
+
+    def initial_state(self, batch: int) -> RecurrentState:
+        """The state at the start of an episode: zeros, shape [batch, hidden_dim]."""
+        zeros = self.gate.weight.new_zeros(batch, self.hidden_dim)
+        return RecurrentState(zeros, zeros.clone())
+
+    def forward(
+        self, features: Tensor, goals: Tensor, interactions: Tensor, state: RecurrentState | None = None
+    ) -> tuple[Tensor, Tensor, RecurrentState]:
+        """Run sequences of features under one goal each.
+
+        Args:
+            features: f(o_t), shape [B, T, feature_dim].
+            goals: goal embedding of each sequence, shape [B, feature_dim].
+            interactions: instructed interaction of each sequence, int64, shape [B].
+            state: state before the first step; zeros when None.
+
+        Returns:
+            log pi in nats, shape [B, T, A]; V, shape [B, T]; the state after the last step.
+        """
+        steps = features.shape[1]
+        gate = torch.sigmoid(self.gate(goals)).unsqueeze(1)
+        kind = self.interaction(interactions).unsqueeze(1).expand(-1, steps, -1)
+        inputs = torch.cat([features * gate, gate.expand(-1, steps, -1), kind], dim=-1)
+        before = None if state is None else (state.hidden.unsqueeze(0), state.cell.unsqueeze(0))
+        hidden, (last_hidden, last_cell) = self.lstm(inputs, before)
+        joined = torch.cat([hidden, kind], dim=-1)
+        log_probs = self.policy(joined).log_softmax(-1)
+        values = self.value(joined).squeeze(-1)
+        return log_probs, values, RecurrentState(last_hidden[0], last_cell[0])
+
+
+def _head(inputs: int, hidden: int, outputs: int) -> nn.Sequential:
+    """A 2-layer perceptron whose last layer starts small: a uniform policy and a value of 0."""
+    last = nn.Linear(hidden, outputs)
+    nn.init.orthogonal_(last.weight, 0.01)
+    nn.init.zeros_(last.bias)
+    return nn.Sequential(nn.Linear(inputs, hidden), nn.ReLU(), last)

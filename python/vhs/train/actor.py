@@ -1,0 +1,84 @@
+"""Acting: the policy's recurrent state and goal of each stream, and batched inference."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from vhs.models import GoalAgent, RecurrentState
+
+
+class Actor:
+    """Chooses actions for a fixed number of streams, each in an episode of its own.
+
+    Batch norm acts with running statistics, so an action never depends on which other streams share the
+    batch.
+    """
+
+    def __init__(
+        self,
+        agent: GoalAgent,
+        num_streams: int,
+        *,
+        dtype: torch.dtype,
+        generator: torch.Generator,
+        greedy: bool = False,
+    ) -> None:
+        """Make room for `num_streams` episodes.
+
+        Args:
+            agent: the networks; shared with the learner, never copied.
+            num_streams: episodes side by side.
+            dtype: type in which the convolutions multiply.
+            generator: source of the sampled actions.
+            greedy: take the likeliest action instead of a sample.
+        """
+        self._agent = agent
+        self._dtype = dtype
+        self._generator = generator
+        self._greedy = greedy
+        device = agent.gate.weight.device
+        state = agent.initial_state(num_streams)
+        self._hidden, self._cell = state.hidden.detach(), state.cell.detach()
+        self._goals = torch.zeros(num_streams, agent.gate.in_features, device=device)
+        self._interactions = torch.zeros(num_streams, dtype=torch.int64, device=device)
+
+    def begin(self, stream: int, goal_embedding: Tensor, interaction: int) -> None:
+        """Forget the stream's last episode and take the goal of the next: shape [feature_dim], int."""
+        self._hidden[stream] = 0.0
+        self._cell[stream] = 0.0
+        self._goals[stream] = goal_embedding
+        self._interactions[stream] = interaction
+
+    @torch.inference_mode()
+    def act(
+        self, streams: NDArray[np.int64], observations: NDArray[np.uint8]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """Choose an action for each of `streams`.
+
+        Args:
+            streams: which episodes, int64, shape [n].
+            observations: their newest stacked observations, uint8, shape [n, stack, height, width, colours].
+
+        Returns:
+            Actions, int64, shape [n]; the critic's values, float32, shape [n].
+        """
+        self._agent.eval()
+        index = torch.from_numpy(streams)
+        features = self._agent.extractor(torch.from_numpy(observations).to(self._goals.device), self._dtype)
+        log_probs, values, state = self._agent(
+            features.unsqueeze(1),
+            self._goals[index],
+            self._interactions[index],
+            RecurrentState(self._hidden[index], self._cell[index]),
+        )
+        self._hidden[index], self._cell[index] = state.hidden, state.cell
+        chosen = self._choose(log_probs[:, 0].float().cpu())
+        return chosen.numpy(), values[:, 0].float().cpu().numpy()
+
+    def _choose(self, log_probs: Tensor) -> Tensor:
+        if self._greedy:
+            return log_probs.argmax(-1)
+        return torch.multinomial(log_probs.exp(), 1, generator=self._generator).squeeze(-1)

@@ -1,0 +1,131 @@
+"""From a configuration to the parts of a run: rooms, buffer, networks, learner."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+
+from vhs import EpisodeBuffer, GoalStore, Prototypes, Rng
+from vhs.algorithms import VHS
+from vhs.config import Config
+from vhs.envs import TASKS, RoomConfig
+from vhs.errors import ConfigError
+from vhs.models import FeatureExtractor, GoalAgent
+
+
+def room_config(config: Config) -> RoomConfig:
+    """The room that `env.room` describes.
+
+    Raises:
+        ConfigError: an unknown or wrong entry of `env.room`.
+    """
+    return RoomConfig.from_overrides(config.env.room)
+
+
+def make_envs(config: Config, count: int, **kwargs: Any) -> list[gymnasium.Env[Any, Any]]:
+    """`count` rooms of the configured task."""
+    task, room = TASKS[config.task], room_config(config)
+    return [
+        gymnasium.make(task.env_id, config=room, renderer=config.env.renderer, **kwargs) for _ in range(count)
+    ]
+
+
+def make_agent(config: Config, env: gymnasium.Env[Any, Any]) -> GoalAgent:
+    """Networks that fit the spaces of `env`, initialised from the run's seed alone."""
+    image, interactions, actions = _spaces(env)
+    model = config.model
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(config.seed)
+        extractor = FeatureExtractor(image, model.frame_stack, model.channels, model.feature_dim)
+        agent = GoalAgent(
+            extractor,
+            num_actions=actions,
+            num_interactions=interactions,
+            hidden_dim=model.hidden_dim,
+            head_dim=model.head_dim,
+            interaction_dim=model.interaction_dim,
+        )
+    return agent.to(config.train.device)
+
+
+def make_buffer(
+    config: Config, env: gymnasium.Env[Any, Any], num_streams: int, num_waiting: int
+) -> EpisodeBuffer:
+    """An episode buffer for `num_streams` running and `num_waiting` ended episodes."""
+    image, interactions, _ = _spaces(env)
+    horizon = room_config(config).max_steps
+    return EpisodeBuffer(
+        image,
+        num_streams=num_streams,
+        max_episode_steps=horizon,
+        capacity_steps=(num_streams + num_waiting) * horizon,
+        frame_stack=config.model.frame_stack,
+        num_goals=num_goals(env),
+        num_interactions=interactions,
+    )
+
+
+def make_learner(config: Config, env: gymnasium.Env[Any, Any]) -> VHS:
+    """The learner at its beginning, before any episode."""
+    image, _, _ = _spaces(env)
+    room, method, classes = room_config(config), config.method, num_goals(env)
+    return VHS(
+        make_agent(config, env),
+        GoalStore(classes, (config.model.frame_stack, *image), method.goal_capacity, seed=config.seed),
+        Prototypes(classes, config.model.feature_dim, momentum=prototype_momentum(config), seed=config.seed),
+        method=method,
+        train=config.train,
+        success_reward=room.reward_success + room.reward_step,
+        dtype=convolution_dtype(config),
+        rng=Rng(config.seed),
+    )
+
+
+def prototype_momentum(config: Config) -> float:
+    """Share of the old prototype kept by an update: none when prototypes are exact."""
+    return config.method.prototype_momentum if config.method.prototype == "running" else 0.0
+
+
+def convolution_dtype(config: Config) -> torch.dtype:
+    """Type in which the convolutions multiply on the configured device."""
+    precision = config.train.precision
+    if precision == "auto":
+        fast = config.train.device != "cpu" or _cpu_multiplies_bfloat16()
+        precision = "bfloat16" if fast else "float32"
+    return torch.bfloat16 if precision == "bfloat16" else torch.float32
+
+
+def check_device(config: Config) -> None:
+    """Check that the configured device exists.
+
+    Raises:
+        ConfigError: it does not.
+    """
+    try:
+        torch.zeros((), device=config.train.device)
+    except (RuntimeError, AssertionError) as error:
+        raise ConfigError(f"train.device: {config.train.device!r} cannot be used: {error}") from error
+
+
+def num_goals(env: gymnasium.Env[Any, Any]) -> int:
+    """Number of goal classes of `env`."""
+    return int(_space(env)["goal"].n)
+
+
+def _cpu_multiplies_bfloat16() -> bool:
+    return bool(torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported())
+
+
+def _space(env: gymnasium.Env[Any, Any]) -> Any:
+    """The observation space as the untyped mapping that it is."""
+    return env.observation_space
+
+
+def _spaces(env: gymnasium.Env[Any, Any]) -> tuple[tuple[int, ...], int, int]:
+    """Frame shape, number of interactions, number of actions."""
+    space, actions = _space(env), env.action_space
+    assert isinstance(actions, gymnasium.spaces.Discrete)
+    return tuple(space["image"].shape), int(space["interaction"].n), int(np.int64(actions.n))

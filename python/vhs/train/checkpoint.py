@@ -1,0 +1,100 @@
+"""Checkpoints: complete or absent, the newest complete one counts.
+
+A checkpoint is a directory ``checkpoints/episode-000012345`` with ``state.pt`` (weights, optimiser,
+prototypes, generators, counters) and ``goals.vhs`` (the goal store). It is written under a temporary name,
+flushed to disk and then renamed, so a kill at any moment leaves the last one as it was.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from vhs import GoalStore
+from vhs.errors import CheckpointError
+
+_DIRECTORY = "checkpoints"
+_PREFIX = "episode-"
+_STATE = "state.pt"
+_GOALS = "goals.vhs"
+
+
+def save_checkpoint(
+    run: Path, episode: int, state: Mapping[str, Any], goal_store: GoalStore, *, keep: int
+) -> Path:
+    """Write a checkpoint and remove the oldest beyond `keep`.
+
+    Args:
+        run: directory of the run.
+        episode: episodes so far; names the checkpoint.
+        state: tensors and plain values.
+        goal_store: saved beside it.
+        keep: number of checkpoints that stay.
+
+    Returns:
+        The directory of the new checkpoint.
+    """
+    root = run / _DIRECTORY
+    root.mkdir(parents=True, exist_ok=True)
+    final = root / f"{_PREFIX}{episode:09d}"
+    partial = root / f".partial-{final.name}"
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir()
+    with (partial / _STATE).open("wb") as file:
+        torch.save(dict(state), file)
+        file.flush()
+        os.fsync(file.fileno())
+    goal_store.save(partial / _GOALS)
+    shutil.rmtree(final, ignore_errors=True)
+    partial.rename(final)
+    _sync_directory(root)
+    for old in _checkpoints(run)[:-keep]:
+        shutil.rmtree(old)
+    return final
+
+
+def load_checkpoint(run: Path) -> tuple[dict[str, Any], GoalStore]:
+    """Read the newest checkpoint of a run.
+
+    Raises:
+        CheckpointError: there is none, or it is damaged.
+    """
+    found = _checkpoints(run)
+    if not found:
+        raise CheckpointError(f"{run}: expected a checkpoint in {run / _DIRECTORY}, found none")
+    newest = found[-1]
+    try:
+        state = torch.load(newest / _STATE, map_location="cpu", weights_only=True)
+        goal_store = GoalStore.load(newest / _GOALS)
+    except Exception as error:  # torch.load raises whatever its reader meets in a damaged file
+        older = f"; delete it to go on from {found[-2].name}" if len(found) > 1 else ""
+        raise CheckpointError(f"{newest}: damaged checkpoint: {error}{older}") from error
+    if not isinstance(state, dict):
+        raise CheckpointError(f"{newest / _STATE}: expected a mapping, found {type(state).__name__}")
+    return state, goal_store
+
+
+def has_checkpoint(run: Path) -> bool:
+    """Whether the run can be resumed."""
+    return bool(_checkpoints(run))
+
+
+def _checkpoints(run: Path) -> list[Path]:
+    return sorted((run / _DIRECTORY).glob(f"{_PREFIX}*"))
+
+
+def _sync_directory(path: Path) -> None:
+    """Make a rename durable; a no-op where directories cannot be opened."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY)
+    except OSError:
+        return
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,127 @@
+"""The directory of a run: which configuration made it, and with what."""
+
+from __future__ import annotations
+
+import json
+import platform
+import shlex
+import subprocess
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from vhs import __version__
+from vhs.config import Config, dump_config, load_config
+from vhs.errors import CheckpointError, ConfigError
+
+CONFIG_NAME = "config.yaml"
+META_NAME = "run.json"
+
+MAY_CHANGE = frozenset(
+    {
+        "train.episodes",
+        "train.checkpoint_every_s",
+        "train.keep_checkpoints",
+        "train.threads",
+        "train.log_every",
+    }
+)
+"""Keys that a resumed run may set anew: none of them changes what is learned from an episode."""
+
+
+def default_run_directory(config: Config) -> Path:
+    """Where a run goes when nobody says: the same command finds the same directory again."""
+    return Path("runs") / f"{config.task}-{config.method.name}-seed{config.seed}"
+
+
+def open_run(config: Config, run: Path) -> None:
+    """Make the directory, or check that it holds a run of the same configuration.
+
+    Raises:
+        CheckpointError: another configuration made the run, or the directory cannot be written.
+    """
+    if (run / CONFIG_NAME).exists():
+        changed = _changed_keys(read_config(run), config) - MAY_CHANGE
+        if changed:
+            raise CheckpointError(
+                f"{run}: holds a run with other values of {', '.join(sorted(changed))}; "
+                "give another --out, or the configuration it was made with"
+            )
+    try:
+        run.mkdir(parents=True, exist_ok=True)
+        _write(run / CONFIG_NAME, dump_config(config))
+        _write(run / META_NAME, json.dumps(describe(), indent=2) + "\n")
+    except OSError as error:
+        raise CheckpointError(f"{run}: cannot write the run: {error.strerror}") from error
+
+
+def read_config(run: Path) -> Config:
+    """The configuration that made a run.
+
+    Raises:
+        CheckpointError: `run` is not the directory of a run.
+    """
+    path = run / CONFIG_NAME
+    if not path.exists():
+        raise CheckpointError(f"{run}: expected the directory of a run, found no {CONFIG_NAME} in it")
+    try:
+        return load_config([path])
+    except ConfigError as error:
+        raise CheckpointError(f"{path}: damaged configuration: {error}") from error
+
+
+def describe() -> dict[str, Any]:
+    """What made a result: command, version, commit, machine and time."""
+    return {
+        "command": shlex.join(["vhs", *sys.argv[1:]]),
+        "version": __version__,
+        "commit": _commit(),
+        "python": platform.python_version(),
+        "machine": f"{platform.machine()}, {_processor()}",
+        "time": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def _changed_keys(old: Config, new: Config) -> set[str]:
+    before, after = _flatten(old.model_dump(mode="json")), _flatten(new.model_dump(mode="json"))
+    return {key for key in before.keys() | after.keys() if before.get(key) != after.get(key)}
+
+
+def _flatten(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in tree.items():
+        flat |= _flatten(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key: value}
+    return flat
+
+
+def _write(path: Path, text: str) -> None:
+    temporary = path.with_name(path.name + ".tmp")
+    temporary.write_text(text, encoding="utf-8")
+    temporary.replace(path)
+
+
+def _commit() -> str | None:
+    """The commit of the checkout that this package lies in, if it lies in one."""
+    here = Path(__file__).parent
+    try:
+        answer = subprocess.run(
+            ["git", "describe", "--always", "--dirty", "--abbrev=12"],
+            cwd=here,
+            capture_output=True,
+            text=True,
+            timeout=10,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return answer.stdout.strip() or None
+
+
+def _processor() -> str:
+    """The processor's name where Linux tells it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return f"{names[0]} x{len(names)}" if names else platform.processor()

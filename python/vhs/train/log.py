@@ -1,0 +1,143 @@
+"""What a run writes down: a JSON line and TensorBoard scalars a window, and a line or bar for the person."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, TextIO
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from torch.utils.tensorboard import SummaryWriter
+
+from vhs import Outcome
+from vhs.train.rollout import EndedEpisode
+
+LOG_NAME = "log.jsonl"
+
+
+class Window:
+    """Sums over the episodes and updates since the last row."""
+
+    def __init__(self) -> None:
+        """Start empty."""
+        self.episodes: list[EndedEpisode] = []
+        self._sums: dict[str, float] = {}
+        self._counts: dict[str, int] = {}
+
+    def add_update(self, metrics: Mapping[str, float]) -> None:
+        """Take the losses of one update; a term is averaged over the updates that had it."""
+        for name, value in metrics.items():
+            self._sums[name] = self._sums.get(name, 0.0) + value
+            self._counts[name] = self._counts.get(name, 0) + 1
+
+    def rates(self) -> dict[str, float]:
+        """Shares of the three outcomes, mean steps and mean undiscounted return."""
+        return summarise(self.episodes)
+
+    def losses(self) -> dict[str, float]:
+        """Mean of every loss term."""
+        return {name: total / self._counts[name] for name, total in self._sums.items()}
+
+
+def summarise(episodes: Sequence[EndedEpisode]) -> dict[str, float]:
+    """Success, failure and timeout rate, mean steps and mean undiscounted return of some episodes."""
+    count = len(episodes)
+    row = {outcome.name.lower(): sum(e.outcome == outcome for e in episodes) / count for outcome in Outcome}
+    row["steps"] = sum(e.steps for e in episodes) / count
+    row["return"] = sum(e.episode_return for e in episodes) / count
+    return row
+
+
+class RunLog:
+    """The log of a run: `log.jsonl`, TensorBoard events and the terminal."""
+
+    def __init__(
+        self, run: Path, total_episodes: int, first_episode: int, stream: TextIO | None = None
+    ) -> None:
+        """Open the log for appending.
+
+        Rows of a resumed run that lie behind `first_episode` were made after the checkpoint and are made
+        again: they are dropped, so that the log holds each episode once.
+        """
+        self._path = run / LOG_NAME
+        _keep_rows_up_to(self._path, first_episode)
+        self._file = self._path.open("a", encoding="utf-8")
+        self._board = SummaryWriter(str(run / "tensorboard"), purge_step=first_episode or None)
+        self._console = Console(file=stream or sys.stdout)
+        self._progress: Progress | None = None
+        self._bar: TaskID | None = None
+        if self._console.is_terminal:
+            self._progress = Progress(
+                TextColumn("[bold]vhs"),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TextColumn("{task.description}"),
+                TimeRemainingColumn(),
+                console=self._console,
+            )
+            self._progress.start()
+            self._bar = self._progress.add_task("collecting", total=total_episodes, completed=first_episode)
+
+    def advance(self, episodes: int) -> None:
+        """Move the bar."""
+        if self._progress is not None and self._bar is not None:
+            self._progress.update(self._bar, completed=episodes)
+
+    def write(self, row: Mapping[str, Any]) -> None:
+        """Add a row to every log; numbers that JSON cannot hold become null."""
+        clean = {key: None if isinstance(v, float) and not math.isfinite(v) else v for key, v in row.items()}
+        self._file.write(json.dumps(clean) + "\n")
+        self._file.flush()
+        for key, value in clean.items():
+            if isinstance(value, int | float) and key != "episodes":
+                self._board.add_scalar(key, value, row["episodes"])
+        self._show(row)
+
+    def say(self, text: str) -> None:
+        """Tell the person something that is no row."""
+        self._console.print(text, highlight=False)
+
+    def _show(self, row: Mapping[str, Any]) -> None:
+        line = (
+            f"success {row['rate/success']:.3f}  failure {row['rate/failure']:.3f}  "
+            f"timeout {row['rate/timeout']:.3f}  {row['speed/steps_per_s']:.0f} steps/s"
+        )
+        if self._progress is not None and self._bar is not None:
+            self._progress.update(self._bar, description=line)
+        else:
+            self.say(f"{row['time/minutes']:7.1f} min  {row['episodes']:>7} episodes  {line}")
+
+    def __enter__(self) -> RunLog:
+        """The log itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close everything, whatever happened."""
+        if self._progress is not None:
+            self._progress.stop()
+        self._file.close()
+        self._board.close()
+
+
+def read_log(run: Path) -> list[dict[str, Any]]:
+    """The rows of a run's log; a torn last line, as a kill leaves it, is left out."""
+    path = run / LOG_NAME
+    if not path.exists():
+        return []
+    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    return [json.loads(line) for line in lines if line.endswith("\n")]
+
+
+def _keep_rows_up_to(path: Path, episode: int) -> None:
+    rows = [row for row in read_log(path.parent) if row["episodes"] <= episode]
+    text = "".join(json.dumps(row) + "\n" for row in rows)
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text(text, encoding="utf-8")
+    temporary.replace(path)

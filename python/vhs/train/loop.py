@@ -1,0 +1,167 @@
+"""The training loop: collect, learn, store goals, log, save; any algorithm with the face of `VHS` fits."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+import torch
+
+from vhs.config import Config
+from vhs.train.actor import Actor
+from vhs.train.build import check_device, make_buffer, make_envs, make_learner
+from vhs.train.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
+from vhs.train.directory import open_run
+from vhs.train.interrupt import stop_on_signal
+from vhs.train.log import RunLog, Window
+from vhs.train.rollout import EndedEpisode, Rollout, episode_seeds
+
+
+@dataclass(slots=True)
+class Progress:
+    """Counters of a run; an episode counts once it has been learned from."""
+
+    episodes: int = 0
+    env_steps: int = 0
+    begun: int = 0
+    """Episodes begun, and so seeds used."""
+    seconds: float = 0.0
+    """Wall-clock of training over all resumptions."""
+
+
+def train(config: Config, run: Path, stream: TextIO | None = None) -> bool:
+    """Train until `train.episodes` or a signal, resuming what the directory already holds.
+
+    Args:
+        config: the resolved configuration.
+        run: directory of the run; made when missing.
+        stream: where a person reads along; standard output by default.
+
+    Returns:
+        True when the run is finished, False when a signal stopped it.
+
+    Raises:
+        CheckpointError: the directory holds another configuration's run or a damaged checkpoint.
+        DivergenceError: the loss became infinite or NaN; the last checkpoint is untouched.
+    """
+    check_device(config)
+    open_run(config, run)
+    torch.set_num_threads(config.train.threads)
+    session = _Session(config, run)
+    with (
+        RunLog(run, config.train.episodes, session.progress.episodes, stream) as log,
+        stop_on_signal() as stop,
+    ):
+        if session.progress.episodes:
+            log.say(f"resuming {run} at episode {session.progress.episodes}")
+        while not (session.is_finished or stop.is_set):
+            session.advance(log)
+        session.save()
+        if session.is_finished:
+            log.say(f"finished: {run} ({session.progress.episodes} episodes)\nevaluate it:  vhs eval {run}")
+        else:
+            log.say(
+                f"{stop.signal_name}: saved {run} at episode {session.progress.episodes}; "
+                "the same command resumes"
+            )
+        return session.is_finished
+
+
+class _Session:
+    """One run's parts, from its first episode or from its last checkpoint."""
+
+    def __init__(self, config: Config, run: Path) -> None:
+        self._config = config
+        self._run = run
+        self.progress = Progress()
+        envs = make_envs(config, config.env.num_envs)
+        self._learner = make_learner(config, envs[0])
+        self._generator = torch.Generator().manual_seed(config.seed)
+        if has_checkpoint(run):
+            self._restore()
+        self._buffer = make_buffer(config, envs[0], len(envs), len(envs) + config.train.episodes_per_update)
+        actor = Actor(self._learner.agent, len(envs), dtype=self._learner.dtype, generator=self._generator)
+        self._begun_before = self.progress.begun
+        seeds = episode_seeds(config.seed, first=self._begun_before)
+        self._rollout = Rollout(envs, actor, self._buffer, self._learner.embed_goal, seeds)
+        self._waiting: deque[EndedEpisode] = deque()
+        self._window = Window()
+        self._clock = self._row_clock = self._save_clock = time.monotonic()
+        self._row_steps = self.progress.env_steps
+
+    @property
+    def is_finished(self) -> bool:
+        return self.progress.episodes >= self._config.train.episodes
+
+    def advance(self, log: RunLog) -> None:
+        """One step of every room, then as many updates as whole groups of episodes are waiting."""
+        self._waiting.extend(self._rollout.step())
+        while len(self._waiting) >= self._config.train.episodes_per_update and not self.is_finished:
+            self._learn()
+            log.advance(self.progress.episodes)
+            if len(self._window.episodes) >= self._config.train.log_every or self.is_finished:
+                log.write(self._row())
+            if time.monotonic() - self._save_clock >= self._config.train.checkpoint_every_s:
+                self.save()
+
+    def _learn(self) -> None:
+        episodes = [self._waiting.popleft() for _ in range(self._config.train.episodes_per_update)]
+        ids = np.array([episode.id for episode in episodes], dtype=np.int64)
+        batch = self._buffer.gather(ids)
+        goals = torch.stack([episode.goal_embedding for episode in episodes])
+        self._window.add_update(self._learner.update(batch, goals))
+        self._learner.goal_store.collect(self._buffer, ids)
+        self._window.episodes.extend(episodes)
+        self.progress.episodes += len(episodes)
+        self.progress.env_steps += sum(episode.steps for episode in episodes)
+
+    def _row(self) -> dict[str, Any]:
+        now = time.monotonic()
+        self._tick(now)
+        speed = (self.progress.env_steps - self._row_steps) / max(now - self._row_clock, 1e-9)
+        row: dict[str, Any] = {
+            "episodes": self.progress.episodes,
+            "env_steps": self.progress.env_steps,
+            "updates": self._learner.updates,
+            "time/minutes": round(self.progress.seconds / 60, 4),
+            "speed/steps_per_s": round(speed, 2),
+        }
+        row |= {f"rate/{name}": rate for name, rate in self._window.rates().items()}
+        row |= {f"loss/{name}": value for name, value in self._window.losses().items()}
+        row |= {f"goals/{label}": int(count) for label, count in enumerate(self._learner.goal_store.counts)}
+        self._window = Window()
+        self._row_clock, self._row_steps = now, self.progress.env_steps
+        return row
+
+    def save(self) -> None:
+        """Write a checkpoint of everything but the episodes that are still running."""
+        self._tick(time.monotonic())
+        self.progress.begun = self._begun_before + self._rollout.begun
+        state = {
+            "progress": {name: getattr(self.progress, name) for name in Progress.__slots__},
+            "learner": self._learner.state_dict(),
+            "actions": self._generator.get_state(),
+        }
+        save_checkpoint(
+            self._run,
+            self.progress.episodes,
+            state,
+            self._learner.goal_store,
+            keep=self._config.train.keep_checkpoints,
+        )
+        self._save_clock = time.monotonic()
+
+    def _restore(self) -> None:
+        state, goal_store = load_checkpoint(self._run)
+        self._learner.load_state_dict(state["learner"])
+        self._learner.goal_store = goal_store
+        self._generator.set_state(state["actions"])
+        self.progress = Progress(**state["progress"])
+
+    def _tick(self, now: float) -> None:
+        self.progress.seconds += now - self._clock
+        self._clock = now

@@ -1,0 +1,76 @@
+"""The hindsight self-imitation terms against numbers by hand, finite differences and padding."""
+
+import math
+
+import pytest
+import torch
+from torch import Tensor
+
+from vhs import ShapeError
+from vhs.losses import hindsight_imitation_loss
+
+
+def test_one_episode_by_hand() -> None:
+    terms = hindsight_imitation_loss(
+        torch.log(torch.tensor([[[0.5, 0.5], [0.2, 0.8]]])),
+        actions=torch.tensor([[1, 0]]),
+        values=torch.tensor([[1.0, 2.0]]),
+        value_targets=torch.tensor([[0.5, 0.0]]),
+        valid=torch.ones(1, 2),
+        steps=torch.tensor(4.0),
+    )
+    assert terms.policy.item() == pytest.approx(-(math.log(0.5) + math.log(0.2)) / 4)
+    assert terms.value.item() == pytest.approx((0.25 + 4.0) / 4)
+
+
+def random_case() -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+    generator = torch.Generator().manual_seed(0)
+    return (
+        torch.randn(2, 3, 4, generator=generator, dtype=torch.float64),
+        torch.randint(0, 4, (2, 3), generator=generator),
+        torch.randn(2, 3, generator=generator, dtype=torch.float64),
+        torch.randn(2, 3, generator=generator, dtype=torch.float64),
+        torch.tensor([[1.0, 1.0, 1.0], [1.0, 1.0, 0.0]], dtype=torch.float64),
+        torch.tensor(5.0, dtype=torch.float64),
+    )
+
+
+def test_gradient_reaches_log_probs_and_values() -> None:
+    logits, actions, values, targets, valid, steps = random_case()
+
+    def loss(logits: Tensor, values: Tensor) -> Tensor:
+        terms = hindsight_imitation_loss(logits.log_softmax(-1), actions, values, targets, valid, steps)
+        return terms.policy + terms.value
+
+    assert torch.autograd.gradcheck(loss, (logits.requires_grad_(), values.requires_grad_()))
+
+
+def test_the_value_target_is_a_constant() -> None:
+    logits, actions, values, targets, valid, steps = random_case()
+    targets.requires_grad_()
+    terms = hindsight_imitation_loss(
+        logits.log_softmax(-1), actions, values.requires_grad_(), targets, valid, steps
+    )
+    (terms.policy + terms.value).backward()
+    assert targets.grad is None
+
+
+def test_padding_changes_nothing() -> None:
+    logits, actions, values, targets, valid, steps = random_case()
+    log_probs = logits.log_softmax(-1)
+    before = hindsight_imitation_loss(log_probs, actions, values, targets, valid, steps)
+    after = hindsight_imitation_loss(
+        log_probs,
+        actions,
+        values.masked_fill(valid == 0, 99.0),
+        targets.masked_fill(valid == 0, -99.0),
+        valid,
+        steps,
+    )
+    assert [term.item() for term in before] == pytest.approx([term.item() for term in after])
+
+
+def test_mismatched_shapes_are_refused_by_name() -> None:
+    logits, actions, values, targets, valid, steps = random_case()
+    with pytest.raises(ShapeError, match=r"`value_targets`: expected shape \[B=2, T=3\], found \[2, 2\]"):
+        hindsight_imitation_loss(logits.log_softmax(-1), actions, values, targets[:, :2], valid, steps)

@@ -1,0 +1,62 @@
+"""The feature extractor: layout, scale, batch norm's two ways, refusals."""
+
+import pytest
+import torch
+from torch import Tensor
+
+from vhs import ShapeError
+from vhs.models import FeatureExtractor
+
+
+@pytest.fixture
+def extractor() -> FeatureExtractor:
+    torch.manual_seed(0)
+    return FeatureExtractor((84, 84, 3), 2, (16, 32, 32, 64), 256)
+
+
+def images(count: int, seed: int = 0) -> Tensor:
+    generator = torch.Generator().manual_seed(seed)
+    return torch.randint(0, 256, (count, 2, 84, 84, 3), dtype=torch.uint8, generator=generator)
+
+
+def test_shape_of_the_features(extractor: FeatureExtractor) -> None:
+    assert extractor(images(3)).shape == (3, 256)
+
+
+def test_channels_are_frames_by_colours(extractor: FeatureExtractor) -> None:
+    extractor.eval()
+    observations = images(1)
+    planes = torch.cat([observations[0, 0].permute(2, 0, 1), observations[0, 1].permute(2, 0, 1)]).float()
+    expected = extractor.project(extractor.convolutions(planes.unsqueeze(0)).flatten(1))
+    torch.testing.assert_close(extractor(observations), expected)
+
+
+def test_learning_ignores_the_scale_of_the_pixels(extractor: FeatureExtractor) -> None:
+    extractor.train()
+    observations = images(8)
+    dim = (observations // 4) * 2
+    bright = (observations // 4) * 4
+    torch.testing.assert_close(extractor(dim), extractor(bright), atol=1e-3, rtol=1e-3)
+
+
+def test_acting_does_not_depend_on_the_company(extractor: FeatureExtractor) -> None:
+    extractor.eval()
+    observations = images(6)
+    torch.testing.assert_close(
+        extractor(observations)[2:3], extractor(observations[2:3]), atol=1e-4, rtol=1e-4
+    )
+
+
+def test_bfloat16_stays_near_float32(extractor: FeatureExtractor) -> None:
+    extractor.train()
+    observations = images(16)
+    exact, fast = extractor(observations), extractor(observations, torch.bfloat16)
+    assert fast.dtype == torch.float32
+    cosine = torch.nn.functional.cosine_similarity(exact, fast)
+    assert cosine.min() > 0.99
+
+
+@pytest.mark.parametrize("shape", [(3, 2, 84, 84, 4), (3, 84, 84, 6), (3, 1, 84, 84, 3)])
+def test_another_shape_is_refused(extractor: FeatureExtractor, shape: tuple[int, ...]) -> None:
+    with pytest.raises(ShapeError, match=r"`observations`: expected shape \[N, 2, 84, 84, 3\], found"):
+        extractor(torch.zeros(shape, dtype=torch.uint8))
