@@ -1,0 +1,138 @@
+"""The whole loop on the debug configuration: it runs, logs, stops, resumes, and refuses what it cannot use."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from io import StringIO
+from pathlib import Path
+
+import pytest
+import torch
+
+from vhs.cli import main
+from vhs.config import Config, load_config
+from vhs.errors import CheckpointError
+from vhs.train import train
+from vhs.train.log import read_log
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+pytestmark = pytest.mark.usefixtures("needs_opengl")
+
+
+def debug_config(*overrides: str) -> Config:
+    return load_config([CONFIGS / "debug.yaml"], overrides)
+
+
+@pytest.mark.parametrize("task", ["task1", "task2", "task3"])
+def test_every_task_trains_and_logs(task: str, tmp_path: Path) -> None:
+    told = StringIO()
+    assert train(debug_config(f"task={task}", "train.episodes=80"), tmp_path / "run", told)
+    rows = read_log(tmp_path / "run")
+    assert [row["episodes"] for row in rows] == [40, 80]
+    for row in rows:
+        rates = [row[f"rate/{name}"] for name in ("success", "failure", "timeout")]
+        assert sum(rates) == pytest.approx(1.0)
+        assert row["env_steps"] <= 20 * row["episodes"]
+        assert row["updates"] == row["episodes"] / 4
+        assert 0 < row["loss/entropy"] < 2
+    assert "80 episodes" in told.getvalue()
+    assert f"vhs eval {tmp_path / 'run'}" in told.getvalue()
+    assert list((tmp_path / "run" / "tensorboard").iterdir())
+    meta = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert meta["version"]
+
+
+def test_same_seed_same_weights(tmp_path: Path) -> None:
+    weights = []
+    for name in "ab":
+        train(debug_config("train.episodes=40"), tmp_path / name, StringIO())
+        checkpoint = tmp_path / name / "checkpoints" / "episode-000000040" / "state.pt"
+        weights.append(torch.load(checkpoint, weights_only=True)["learner"]["agent"])
+    for name, value in weights[0].items():
+        assert torch.equal(value, weights[1][name]), name
+
+
+def test_a_finished_run_goes_on_when_more_episodes_are_asked_for(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    train(debug_config("train.episodes=40"), run, StringIO())
+    told = StringIO()
+    train(debug_config("train.episodes=80"), run, told)
+    assert "resuming" in told.getvalue()
+    rows = read_log(run)
+    assert [row["episodes"] for row in rows] == [40, 80]
+    assert rows[1]["time/minutes"] > rows[0]["time/minutes"]
+    assert rows[1]["updates"] == 20
+
+
+def test_another_configuration_is_refused_by_key(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    train(debug_config("train.episodes=4"), run, StringIO())
+    before = (run / "config.yaml").read_bytes()
+    with pytest.raises(CheckpointError, match=r"other values of train\.gamma"):
+        train(debug_config("train.gamma=0.5"), run, StringIO())
+    assert (run / "config.yaml").read_bytes() == before
+
+
+@pytest.mark.parametrize("victim", ["state.pt", "goals.vhs"])
+@pytest.mark.parametrize("damage", ["truncate", "flip", "remove"])
+def test_a_damaged_checkpoint_is_an_error_that_names_it(victim: str, damage: str, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    train(debug_config("train.episodes=4"), run, StringIO())
+    path = run / "checkpoints" / "episode-000000004" / victim
+    content = path.read_bytes()
+    if damage == "truncate":
+        path.write_bytes(content[: len(content) // 2])
+    elif damage == "flip":
+        path.write_bytes(bytes(byte ^ 0xFF for byte in content[:200]) + content[200:])
+    else:
+        path.unlink()
+    with pytest.raises(CheckpointError, match=r"episode-000000004: damaged checkpoint"):
+        train(debug_config("train.episodes=8"), run, StringIO())
+
+
+def test_a_room_key_that_does_not_exist_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["train", "--config", str(CONFIGS / "debug.yaml"), "--out", str(tmp_path / "run")]
+    assert main([*arguments, "--set", "env.room.strid_m=0.4"]) == 1
+    assert "did you mean `env.room.stride_m`?" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_saves_and_the_same_command_resumes(kind: signal.Signals, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    arguments = ["train", "--config", str(CONFIGS / "debug.yaml"), "--set", "train.episodes=400", "--out", str(run)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "vhs.cli", *arguments], stdout=subprocess.PIPE, text=True, env=os.environ | {"COLUMNS": "300"}
+    )
+    deadline = time.monotonic() + 60
+    while len(read_log(run)) < 1 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(kind)
+    told, _ = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "the same command resumes" in told
+    saved = sorted((run / "checkpoints").iterdir())
+    assert len(saved) >= 1
+    assert main(arguments) == 0
+    assert [row["episodes"] for row in read_log(run)][-1] == 400
+
+
+def test_eval_prints_rates_and_spl(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = tmp_path / "run"
+    train(debug_config("train.episodes=4"), run, StringIO())
+    assert main(["eval", str(run), "--episodes", "10", "--seed", "3"]) == 0
+    lines = dict(line.split() for line in capsys.readouterr().out.splitlines())
+    assert float(lines["success"]) + float(lines["failure"]) + float(lines["timeout"]) == pytest.approx(1.0, abs=2e-3)
+    assert lines["episodes"] == "10"
+    assert 0 <= float(lines["spl"]) <= float(lines["success"])
+    assert main(["eval", str(run), "--episodes", "10", "--seed", "3", "--json"]) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert f"{again['success']:.3f}" == lines["success"], "the same seed gives the same evaluation"
+
+
+def test_eval_of_no_run_is_a_clear_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["eval", str(tmp_path)]) == 1
+    assert "expected the directory of a run, found no config.yaml" in capsys.readouterr().err
