@@ -1,5 +1,40 @@
-//! The extension module `vhs._core`.
+//! The extension module `vhs._core`: borrow, check, call, map errors. No loop over data lives here.
+//!
+//! Documentation for users is in `python/vhs/_core.pyi`, which editors read and `stubtest` checks against this module.
+#![deny(missing_docs)]
+
+mod arrays;
+mod batch;
+mod episodes;
+mod error;
+mod goals;
+mod prototypes;
+mod relabel;
+mod returns;
+mod rng;
 
 /// The compiled half of the Python package `vhs`.
 #[pyo3::pymodule]
-mod _core {}
+mod _core {
+    #[pymodule_export]
+    use crate::batch::EpisodeBatch;
+    #[pymodule_export]
+    use crate::episodes::EpisodeBuffer;
+    #[pymodule_export]
+    use crate::goals::GoalStore;
+    #[pymodule_export]
+    use crate::prototypes::Prototypes;
+    #[pymodule_export]
+    use crate::relabel::{Hindsight, relabel};
+    #[pymodule_export]
+    use crate::returns::discounted_returns;
+    #[pymodule_export]
+    use crate::rng::Rng;
+
+    use pyo3::prelude::*;
+
+    #[pymodule_init]
+    fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        crate::error::register(module)
+    }
+}

@@ -1,0 +1,512 @@
+//! Episodes of many environments at once, each frame stored once although observations stack several.
+//!
+//! A stream (one environment) goes Idle -> `begin` -> Open -> `append`* -> `finish` or `abort` -> Idle. An episode of T
+//! steps has frames 0..=T; observation t stacks frames t - k + 1 ..= t, and repeats frame 0 where that would reach before
+//! the episode (paper, section 4.1: two stacked frames), so no observation ever crosses an episode border.
+//!
+//! Invariants: a frame belongs to exactly one episode; finished episodes have consecutive ids, given in the order of
+//! `finish`, and leave oldest first when room is needed; open episodes are never evicted; stored bytes never change.
+
+use std::collections::VecDeque;
+
+use crate::error::{self, Error, Result, check_finite, check_labels, check_range, check_shape};
+use crate::goals::{class_of, image_bytes};
+use crate::outcome::Outcome;
+use crate::rng::Rng;
+use crate::slab::Slab;
+
+/// The most streams, goals, interactions, stacked frames or steps of an episode.
+const MAX_COUNT: usize = 1 << 20;
+
+/// What an [`EpisodeBuffer`] is built from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct EpisodeConfig {
+    /// Shape of one frame, uint8.
+    pub frame_shape: Vec<usize>,
+    /// Environments that feed the buffer at the same time.
+    pub num_streams: usize,
+    /// Steps after which no more can be appended to an episode.
+    pub max_episode_steps: usize,
+    /// Steps kept over all episodes; at least `num_streams * max_episode_steps`, for open episodes are never evicted.
+    pub capacity_steps: usize,
+    /// Frames in one observation.
+    pub frame_stack: usize,
+    /// Goal classes.
+    pub num_goals: usize,
+    /// Interactions; 0 where the task has none, and interaction 0 stands for none.
+    pub num_interactions: usize,
+    /// The action that does interaction 0; the actions below it are moves, those from it on the interactions.
+    pub first_interaction_action: usize,
+    /// Seed of [`EpisodeBuffer::sample`] and of the relabelling done with it.
+    pub seed: u64,
+}
+
+impl EpisodeConfig {
+    fn check(&self) -> Result<()> {
+        image_bytes("frame_shape", &self.frame_shape)?;
+        check_range("num_streams", self.num_streams, 1, MAX_COUNT)?;
+        check_range("max_episode_steps", self.max_episode_steps, 1, MAX_COUNT)?;
+        check_range("frame_stack", self.frame_stack, 1, MAX_COUNT)?;
+        check_range("num_goals", self.num_goals, 1, MAX_COUNT)?;
+        check_range("num_interactions", self.num_interactions, 0, MAX_COUNT)?;
+        check_range(
+            "first_interaction_action",
+            self.first_interaction_action,
+            0,
+            MAX_COUNT,
+        )?;
+        check_range("actions", self.num_actions(), 1, 2 * MAX_COUNT)?;
+        // Two frames a step at most: the shortest episode has one step and two frames.
+        error::product(
+            "capacity_steps",
+            &[self.capacity_steps, 2, self.frame_bytes(), self.frame_stack],
+        )?;
+        check_range(
+            "capacity_steps",
+            self.capacity_steps,
+            self.num_streams * self.max_episode_steps,
+            usize::MAX,
+        )
+    }
+
+    /// Actions there are: moves and interactions.
+    #[must_use]
+    pub const fn num_actions(&self) -> usize {
+        self.first_interaction_action + self.num_interactions
+    }
+
+    fn frame_bytes(&self) -> usize {
+        self.frame_shape.iter().product()
+    }
+}
+
+/// One episode, open or finished.
+#[derive(Debug)]
+pub struct Episode {
+    goal: i64,
+    interaction: i64,
+    outcome: Outcome,
+    actions: Vec<i64>,
+    rewards: Vec<f32>,
+    values: Vec<f32>,
+    /// Slots of frames 0..=T in the slab.
+    frames: Vec<usize>,
+}
+
+#[expect(
+    clippy::len_without_is_empty,
+    reason = "a finished episode has at least one step"
+)]
+impl Episode {
+    /// Steps taken: T.
+    #[must_use]
+    pub const fn len(&self) -> usize {
+        self.actions.len()
+    }
+
+    /// The instructed goal class.
+    #[must_use]
+    pub const fn goal(&self) -> i64 {
+        self.goal
+    }
+
+    /// The instructed interaction.
+    #[must_use]
+    pub const fn interaction(&self) -> i64 {
+        self.interaction
+    }
+
+    /// How the episode ended.
+    #[must_use]
+    pub const fn outcome(&self) -> Outcome {
+        self.outcome
+    }
+
+    /// Actions `a_0 ..= a_(T-1)`; the last one led to the final observation.
+    #[must_use]
+    pub fn actions(&self) -> &[i64] {
+        &self.actions
+    }
+
+    /// Rewards of the actions.
+    #[must_use]
+    pub fn rewards(&self) -> &[f32] {
+        &self.rewards
+    }
+
+    /// The critic's value when each action was chosen.
+    #[must_use]
+    pub fn values(&self) -> &[f32] {
+        &self.values
+    }
+}
+
+/// One step of several streams, as parallel arrays of the same length.
+#[derive(Clone, Copy, Debug)]
+pub struct Steps<'a> {
+    /// Streams, each at most once.
+    pub streams: &'a [i64],
+    /// The action taken at the newest frame of each stream.
+    pub actions: &'a [i64],
+    /// The action's reward.
+    pub rewards: &'a [f32],
+    /// The critic's value when acting.
+    pub values: &'a [f32],
+    /// The next frames, one after the other.
+    pub frames: &'a [u8],
+}
+
+/// See the module documentation.
+///
+/// ```
+/// use vhs_core::episodes::{EpisodeBuffer, EpisodeConfig, Steps};
+/// use vhs_core::outcome::Outcome;
+/// let mut buffer = EpisodeBuffer::new(EpisodeConfig {
+///     frame_shape: vec![2], num_streams: 1, max_episode_steps: 20, capacity_steps: 100, frame_stack: 2,
+///     num_goals: 5, num_interactions: 1, first_interaction_action: 3, seed: 0,
+/// })?;
+/// buffer.begin(0, &[10, 11], 4, 0)?;
+/// buffer.append(Steps { streams: &[0], actions: &[3], rewards: &[-1.0], values: &[0.5], frames: &[20, 21] })?;
+/// let id = buffer.finish(0, Outcome::Failure)?;
+/// let batch = buffer.gather(&[id])?;
+/// assert_eq!(batch.observations, [10, 11, 10, 11, 10, 11, 20, 21]); // o_0 repeats frame 0
+/// # Ok::<(), vhs_core::error::Error>(())
+/// ```
+#[derive(Debug)]
+pub struct EpisodeBuffer {
+    config: EpisodeConfig,
+    slab: Slab,
+    /// Slots of the slab that no episode owns.
+    free: Vec<usize>,
+    /// One place a stream; None while it is idle.
+    open: Vec<Option<Episode>>,
+    /// Finished episodes, oldest first.
+    finished: VecDeque<Episode>,
+    /// The id that the next finished episode gets.
+    next_id: u64,
+    /// Steps stored, finished and open.
+    steps: usize,
+    rng: Rng,
+}
+
+impl EpisodeBuffer {
+    /// An empty buffer.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a size out of range or sizes whose product no memory can hold.
+    pub fn new(config: EpisodeConfig) -> Result<Self> {
+        config.check()?;
+        let slab = Slab::new(config.frame_bytes());
+        let open = std::iter::repeat_with(|| None)
+            .take(config.num_streams)
+            .collect();
+        let rng = Rng::new(config.seed);
+        Ok(Self {
+            config,
+            slab,
+            free: Vec::new(),
+            open,
+            finished: VecDeque::new(),
+            next_id: 0,
+            steps: 0,
+            rng,
+        })
+    }
+
+    /// Opens an episode with its first frame, instructed goal class and interaction.
+    ///
+    /// # Errors
+    /// [`Error::Label`], [`Error::Shape`], [`Error::Protocol`] where an episode is open already, [`Error::Memory`].
+    pub fn begin(&mut self, stream: i64, frame: &[u8], goal: i64, interaction: i64) -> Result<()> {
+        let stream = self.stream(stream)?;
+        check_shape("frame", &[self.config.frame_bytes()], &[frame.len()])?;
+        check_labels("goal", &[goal], self.config.num_goals)?;
+        check_labels(
+            "interaction",
+            &[interaction],
+            self.config.num_interactions.max(1),
+        )?;
+        if self.open[stream].is_some() {
+            let (expected, found) = ("a stream between episodes", "an open episode");
+            return Err(Error::Protocol {
+                call: "begin",
+                stream,
+                expected,
+                found,
+            });
+        }
+        let frames = vec![self.store(frame)?];
+        let (actions, rewards, values) = (Vec::new(), Vec::new(), Vec::new());
+        let outcome = Outcome::Timeout; // Until `finish` says otherwise; nobody reads it before.
+        self.open[stream] = Some(Episode {
+            goal,
+            interaction,
+            outcome,
+            actions,
+            rewards,
+            values,
+            frames,
+        });
+        Ok(())
+    }
+
+    /// Appends one step to each of several open episodes, evicting the oldest finished ones where room is needed.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Label`], [`Error::NonFinite`], [`Error::Protocol`] where a stream is idle,
+    /// [`Error::TooManySteps`], [`Error::Argument`] where a stream comes twice; then nothing is appended to any stream.
+    pub fn append(&mut self, steps: Steps<'_>) -> Result<()> {
+        self.check_steps(&steps)?;
+        self.evict_for(steps.streams.len());
+        for (row, frame) in steps
+            .frames
+            .chunks_exact(self.config.frame_bytes())
+            .enumerate()
+        {
+            let slot = self.store(frame)?;
+            let Some(episode) = &mut self.open[class_of(steps.streams[row])] else {
+                continue;
+            };
+            episode.actions.push(steps.actions[row]);
+            episode.rewards.push(steps.rewards[row]);
+            episode.values.push(steps.values[row]);
+            episode.frames.push(slot);
+            self.steps += 1;
+        }
+        Ok(())
+    }
+
+    /// Closes the open episode of a stream and returns its id. Its newest frame becomes the final observation.
+    ///
+    /// # Errors
+    /// [`Error::Label`], [`Error::Protocol`] where no episode is open or the open one has no step yet.
+    pub fn finish(&mut self, stream: i64, outcome: Outcome) -> Result<i64> {
+        let stream = self.stream(stream)?;
+        if self.opened("finish", stream)?.actions.is_empty() {
+            let (expected, found) = (
+                "an open episode with at least one step",
+                "one without a step",
+            );
+            return Err(Error::Protocol {
+                call: "finish",
+                stream,
+                expected,
+                found,
+            });
+        }
+        if let Some(mut episode) = self.open[stream].take() {
+            episode.outcome = outcome;
+            self.finished.push_back(episode);
+            self.next_id += 1;
+        }
+        Ok(public_id(self.next_id - 1))
+    }
+
+    /// Drops the open episode of a stream, as after a crashed environment.
+    ///
+    /// # Errors
+    /// [`Error::Label`], [`Error::Protocol`] where no episode is open.
+    pub fn abort(&mut self, stream: i64) -> Result<()> {
+        let stream = self.stream(stream)?;
+        self.opened("abort", stream)?;
+        if let Some(episode) = self.open[stream].take() {
+            self.release(episode);
+        }
+        Ok(())
+    }
+
+    /// A finished, stored episode.
+    ///
+    /// # Errors
+    /// [`Error::Evicted`] or [`Error::UnknownEpisode`].
+    pub fn episode(&self, id: i64) -> Result<&Episode> {
+        let unknown = Error::UnknownEpisode {
+            id,
+            next: self.next_id,
+        };
+        let Ok(id) = u64::try_from(id) else {
+            return Err(unknown);
+        };
+        if id >= self.next_id {
+            return Err(unknown);
+        }
+        let oldest = self.first_id();
+        let place = id
+            .checked_sub(oldest)
+            .and_then(|place| usize::try_from(place).ok());
+        place
+            .and_then(|place| self.finished.get(place))
+            .ok_or(Error::Evicted { id, oldest })
+    }
+
+    /// Ids of the finished episodes that are stored, oldest first.
+    pub fn ids(&self) -> impl Iterator<Item = i64> + use<> {
+        (self.first_id()..self.next_id).map(public_id)
+    }
+
+    /// The open episode of each stream, None where it is idle.
+    pub fn open_episodes(&self) -> impl Iterator<Item = Option<&Episode>> {
+        self.open.iter().map(Option::as_ref)
+    }
+
+    /// Finished episodes stored.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.finished.len()
+    }
+
+    /// Whether no finished episode is stored.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.finished.is_empty()
+    }
+
+    /// Steps stored, of finished and open episodes.
+    #[must_use]
+    pub const fn num_steps(&self) -> usize {
+        self.steps
+    }
+
+    /// Bytes set aside for frames; grows as the buffer fills.
+    #[must_use]
+    pub fn allocated_bytes(&self) -> usize {
+        self.slab.allocated_bytes()
+    }
+
+    /// What the buffer was built from.
+    #[must_use]
+    pub const fn config(&self) -> &EpisodeConfig {
+        &self.config
+    }
+
+    /// The generator behind `sample`, to be saved and restored.
+    pub const fn rng_mut(&mut self) -> &mut Rng {
+        &mut self.rng
+    }
+
+    /// Shape of one stacked observation: `[frame_stack, *frame_shape]`.
+    #[must_use]
+    pub fn observation_shape(&self) -> Vec<usize> {
+        [
+            &[self.config.frame_stack],
+            self.config.frame_shape.as_slice(),
+        ]
+        .concat()
+    }
+
+    pub(crate) fn observation_bytes(&self) -> usize {
+        self.config.frame_stack * self.config.frame_bytes()
+    }
+
+    /// The frames of observation `t` of an episode, oldest first.
+    pub(crate) fn observation_frames<'a>(
+        &'a self,
+        episode: &'a Episode,
+        t: usize,
+    ) -> impl Iterator<Item = &'a [u8]> {
+        let stack = self.config.frame_stack;
+        // Frame t - (stack - 1 - i), held at 0: before the first frame there is only the first frame.
+        (0..stack).map(move |i| {
+            self.slab
+                .get(episode.frames[(t + i + 1).saturating_sub(stack)])
+        })
+    }
+
+    /// The open episode of a stream, or the error that the call on an idle stream deserves.
+    pub(crate) fn opened(&self, call: &'static str, stream: usize) -> Result<&Episode> {
+        let (expected, found) = ("an open episode", "none: `begin` opens one");
+        self.open[stream].as_ref().ok_or(Error::Protocol {
+            call,
+            stream,
+            expected,
+            found,
+        })
+    }
+
+    /// A stream number as an index.
+    pub(crate) fn stream(&self, stream: i64) -> Result<usize> {
+        check_labels("stream", &[stream], self.open.len())?;
+        Ok(class_of(stream))
+    }
+
+    fn first_id(&self) -> u64 {
+        self.next_id - self.finished.len() as u64
+    }
+
+    fn check_steps(&self, steps: &Steps<'_>) -> Result<()> {
+        let n = steps.streams.len();
+        check_shape("actions", &[n], &[steps.actions.len()])?;
+        check_shape("rewards", &[n], &[steps.rewards.len()])?;
+        check_shape("values", &[n], &[steps.values.len()])?;
+        check_shape(
+            "frames",
+            &[error::product("frames", &[n, self.config.frame_bytes()])?],
+            &[steps.frames.len()],
+        )?;
+        check_labels("streams", steps.streams, self.open.len())?;
+        check_labels("actions", steps.actions, self.config.num_actions())?;
+        check_finite("rewards", steps.rewards)?;
+        check_finite("values", steps.values)?;
+        check_distinct(steps.streams)?;
+        steps
+            .streams
+            .iter()
+            .try_for_each(|&stream| self.check_appendable(class_of(stream)))
+    }
+
+    fn check_appendable(&self, stream: usize) -> Result<()> {
+        let limit = self.config.max_episode_steps;
+        if self.opened("append", stream)?.len() >= limit {
+            return Err(Error::TooManySteps { stream, limit });
+        }
+        Ok(())
+    }
+
+    /// Evicts the oldest finished episodes until `n` more steps fit.
+    fn evict_for(&mut self, n: usize) {
+        while self.steps + n > self.config.capacity_steps {
+            // Open episodes alone always fit (checked when built), so there is one to evict.
+            let Some(oldest) = self.finished.pop_front() else {
+                break;
+            };
+            self.release(oldest);
+        }
+    }
+
+    fn release(&mut self, episode: Episode) {
+        self.steps -= episode.len();
+        self.free.extend(episode.frames);
+    }
+
+    /// Copies a frame into a slot that no episode owns.
+    fn store(&mut self, frame: &[u8]) -> Result<usize> {
+        let slot = self.free.pop().unwrap_or(self.slab.len());
+        self.slab.put(slot, std::iter::once(frame))?;
+        Ok(slot)
+    }
+}
+
+/// Refuses a stream that comes twice: which of its two steps came first would be a guess.
+fn check_distinct(streams: &[i64]) -> Result<()> {
+    let mut sorted = streams.to_vec();
+    sorted.sort_unstable();
+    match sorted.windows(2).find(|pair| pair[0] == pair[1]) {
+        None => Ok(()),
+        Some(pair) => {
+            let (expected, got) = (
+                "each stream at most once".into(),
+                format!("stream {} twice", pair[0]),
+            );
+            Err(Error::Argument {
+                field: "streams",
+                expected,
+                got,
+            })
+        }
+    }
+}
+
+/// Ids are counted up from 0 and leave the crate as i64, the integer of array users.
+fn public_id(id: u64) -> i64 {
+    i64::try_from(id).unwrap_or(i64::MAX)
+}

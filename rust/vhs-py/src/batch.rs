@@ -1,0 +1,79 @@
+//! `vhs.EpisodeBatch`: the arrays of a gathered batch.
+
+use numpy::PyArrayDyn;
+use pyo3::prelude::*;
+use vhs_core::batch::BatchIndex;
+use vhs_core::relabel::EpisodeEnd;
+
+use crate::arrays::into_array;
+use crate::relabel::Hindsight;
+
+/// Whole episodes as arrays; see the stub for its documentation.
+#[pyclass(frozen, module = "vhs._core")]
+pub(crate) struct EpisodeBatch {
+    #[pyo3(get)]
+    observations: Py<PyAny>,
+    #[pyo3(get)]
+    ids: Py<PyArrayDyn<i64>>,
+    #[pyo3(get)]
+    offsets: Py<PyArrayDyn<i64>>,
+    #[pyo3(get)]
+    lengths: Py<PyArrayDyn<i64>>,
+    #[pyo3(get)]
+    actions: Py<PyArrayDyn<i64>>,
+    #[pyo3(get)]
+    rewards: Py<PyArrayDyn<f32>>,
+    #[pyo3(get)]
+    values: Py<PyArrayDyn<f32>>,
+    #[pyo3(get)]
+    mask: Py<PyArrayDyn<bool>>,
+    #[pyo3(get)]
+    goals: Py<PyArrayDyn<i64>>,
+    #[pyo3(get)]
+    interactions: Py<PyArrayDyn<i64>>,
+    #[pyo3(get)]
+    outcomes: Py<PyArrayDyn<u8>>,
+    #[pyo3(get)]
+    hindsight: Option<Py<Hindsight>>,
+    /// What relabelling reads: our own copy, so that writing to the arrays cannot lead it out of bounds.
+    pub(crate) ends: Vec<EpisodeEnd>,
+    pub(crate) first_interaction_action: i64,
+}
+
+impl EpisodeBatch {
+    pub(crate) fn from_core(
+        observations: Bound<'_, PyAny>,
+        index: BatchIndex,
+        hindsight: Option<vhs_core::relabel::Hindsight>,
+        first_interaction_action: i64,
+    ) -> PyResult<Self> {
+        let py = observations.py();
+        let (episodes, steps) = ([index.ids.len()], [index.ids.len(), index.longest]);
+        let hindsight = hindsight
+            .map(|hindsight| Py::new(py, Hindsight::from_core(py, hindsight)?))
+            .transpose()?;
+        Ok(Self {
+            observations: observations.unbind(),
+            ids: into_array(py, index.ids, &episodes)?.unbind(),
+            offsets: into_array(py, index.offsets, &episodes)?.unbind(),
+            lengths: into_array(py, index.lengths, &episodes)?.unbind(),
+            actions: into_array(py, index.actions, &steps)?.unbind(),
+            rewards: into_array(py, index.rewards, &steps)?.unbind(),
+            values: into_array(py, index.values, &steps)?.unbind(),
+            mask: into_array(py, index.mask, &steps)?.unbind(),
+            goals: into_array(py, index.goals, &episodes)?.unbind(),
+            interactions: into_array(py, index.interactions, &episodes)?.unbind(),
+            outcomes: into_array(py, index.outcomes, &episodes)?.unbind(),
+            hindsight,
+            ends: index.ends,
+            first_interaction_action,
+        })
+    }
+}
+
+#[pymethods]
+impl EpisodeBatch {
+    fn __len__(&self) -> usize {
+        self.ends.len()
+    }
+}

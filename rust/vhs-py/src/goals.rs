@@ -1,0 +1,192 @@
+//! `vhs.GoalStore`.
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+
+use numpy::{PyArrayDyn, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+use vhs_core::error::check_shape;
+use vhs_core::goals::{self as core, Balance};
+
+use crate::arrays::{
+    checked, detached, exact, exclusive, integer, integer_vec, into_array, rows, seed, shape, size,
+    slice,
+};
+use crate::episodes::EpisodeBuffer;
+
+type Sample<'py> = (Bound<'py, PyAny>, Bound<'py, PyArrayDyn<i64>>);
+
+/// Images of achieved goals by class; see the stub for its documentation.
+#[pyclass(frozen, module = "vhs._core")]
+pub(crate) struct GoalStore {
+    inner: Mutex<core::GoalStore>,
+    /// Shape of one image: fixed, so reading it needs no lock.
+    shape: Vec<usize>,
+}
+
+impl From<core::GoalStore> for GoalStore {
+    fn from(store: core::GoalStore) -> Self {
+        let shape = store.shape().to_vec();
+        Self {
+            inner: Mutex::new(store),
+            shape,
+        }
+    }
+}
+
+#[pymethods]
+impl GoalStore {
+    #[new]
+    #[pyo3(signature = (num_classes, observation_shape, capacity_per_class, seed=None),
+           text_signature = "(num_classes, observation_shape, capacity_per_class, seed=0)")]
+    fn new(
+        num_classes: &Bound<'_, PyAny>,
+        observation_shape: &Bound<'_, PyAny>,
+        capacity_per_class: &Bound<'_, PyAny>,
+        seed: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let shape = shape("observation_shape", observation_shape)?;
+        let num_classes = size("num_classes", num_classes)?;
+        let capacity = size("capacity_per_class", capacity_per_class)?;
+        let seed = seed.map_or(Ok(0), self::seed)?;
+        checked(core::GoalStore::new(num_classes, &shape, capacity, seed)).map(Self::from)
+    }
+
+    fn push(
+        &self,
+        py: Python<'_>,
+        observation: &Bound<'_, PyAny>,
+        label: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
+        let (image, label) = (
+            exact::<u8>("observation", observation)?,
+            integer("label", label)?,
+        );
+        checked(check_shape("observation", &self.shape, image.shape()))?;
+        let image = slice(&image);
+        checked(detached(py, &self.inner, |store| store.push(image, label)))
+    }
+
+    fn collect(
+        &self,
+        py: Python<'_>,
+        buffer: &EpisodeBuffer,
+        ids: &Bound<'_, PyAny>,
+    ) -> PyResult<usize> {
+        let ids = integer_vec("ids", ids)?;
+        // Always the store before the buffer: no other call holds two locks, so none can wait in a circle.
+        checked(detached(py, &self.inner, |store| {
+            buffer.with_core(|buffer| store.collect(buffer, &ids))
+        }))
+    }
+
+    #[pyo3(signature = (n, *, balanced=true, out=None))]
+    fn sample<'py>(
+        &self,
+        py: Python<'py>,
+        n: &Bound<'py, PyAny>,
+        balanced: bool,
+        out: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Sample<'py>> {
+        let (n, balance) = (
+            size("n", n)?,
+            if balanced {
+                Balance::Classes
+            } else {
+                Balance::Images
+            },
+        );
+        let Some(out) = out else {
+            let (images, labels) =
+                checked(detached(py, &self.inner, |store| store.sample(n, balance)))?;
+            return Ok((
+                into_array(py, images, &rows(n, &self.shape))?.into_any(),
+                into_array(py, labels, &[n])?,
+            ));
+        };
+        let mut images = exclusive::<u8>(out, &rows(n, &self.shape))?;
+        let images = images.as_slice_mut()?;
+        let labels = checked(detached(py, &self.inner, |store| {
+            store.sample_into(n, balance, images)
+        }))?;
+        Ok((out.clone(), into_array(py, labels, &[n])?))
+    }
+
+    #[pyo3(signature = (label, n, *, out=None))]
+    fn sample_class<'py>(
+        &self,
+        py: Python<'py>,
+        label: &Bound<'py, PyAny>,
+        n: &Bound<'py, PyAny>,
+        out: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let (label, n) = (integer("label", label)?, size("n", n)?);
+        let Some(out) = out else {
+            let images = checked(detached(py, &self.inner, |store| {
+                store.sample_class(label, n)
+            }))?;
+            return Ok(into_array(py, images, &rows(n, &self.shape))?.into_any());
+        };
+        let mut images = exclusive::<u8>(out, &rows(n, &self.shape))?;
+        let images = images.as_slice_mut()?;
+        checked(detached(py, &self.inner, |store| {
+            store.sample_class_into(label, n, images)
+        }))?;
+        Ok(out.clone())
+    }
+
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        checked(detached(py, &self.inner, |store| store.save(&path)))
+    }
+
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        checked(py.detach(|| core::GoalStore::load(&path))).map(Self::from)
+    }
+
+    #[getter]
+    #[expect(
+        clippy::cast_possible_wrap,
+        reason = "a count of images in memory is far below 2**63"
+    )]
+    fn counts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<i64>>> {
+        let counts: Vec<i64> = detached(py, &self.inner, |store| {
+            store.counts().map(|count| count as i64).collect()
+        });
+        let shape = [counts.len()];
+        into_array(py, counts, &shape)
+    }
+
+    #[getter]
+    fn num_classes(&self, py: Python<'_>) -> usize {
+        detached(py, &self.inner, |store| store.num_classes())
+    }
+
+    #[getter]
+    fn observation_shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        PyTuple::new(py, &self.shape)
+    }
+
+    #[getter]
+    fn capacity_per_class(&self, py: Python<'_>) -> usize {
+        detached(py, &self.inner, |store| store.capacity_per_class())
+    }
+
+    #[getter]
+    fn nbytes(&self, py: Python<'_>) -> usize {
+        detached(py, &self.inner, |store| store.allocated_bytes())
+    }
+
+    fn __len__(&self, py: Python<'_>) -> usize {
+        detached(py, &self.inner, |store| store.len())
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> String {
+        let counts: Vec<usize> = detached(py, &self.inner, |store| store.counts().collect());
+        format!(
+            "GoalStore(observation_shape={:?}, counts={counts:?})",
+            self.shape
+        )
+    }
+}

@@ -1,0 +1,156 @@
+//! `vhs.Prototypes`.
+
+use std::sync::Mutex;
+
+use numpy::{PyArrayDyn, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use vhs_core::error::check_shape;
+use vhs_core::prototypes as core;
+
+use crate::arrays::{
+    check_vector, checked, detached, exact, exclusive, integer_vec, into_array, reals,
+    rng_from_state, seed, size, slice,
+};
+
+/// One mean feature vector a goal class; see the stub for its documentation.
+#[pyclass(frozen, module = "vhs._core")]
+pub(crate) struct Prototypes {
+    inner: Mutex<core::Prototypes>,
+    num_classes: usize,
+    dim: usize,
+}
+
+#[pymethods]
+impl Prototypes {
+    #[new]
+    #[pyo3(signature = (num_classes, dim, momentum=0.9, seed=None),
+           text_signature = "(num_classes, dim, momentum=0.9, seed=0)")]
+    fn new(
+        num_classes: &Bound<'_, PyAny>,
+        dim: &Bound<'_, PyAny>,
+        momentum: f64,
+        seed: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let (num_classes, dim) = (size("num_classes", num_classes)?, size("dim", dim)?);
+        let seed = seed.map_or(Ok(0), self::seed)?;
+        let inner = Mutex::new(checked(core::Prototypes::new(
+            num_classes,
+            dim,
+            momentum,
+            seed,
+        ))?);
+        Ok(Self {
+            inner,
+            num_classes,
+            dim,
+        })
+    }
+
+    fn update(
+        &self,
+        py: Python<'_>,
+        features: &Bound<'_, PyAny>,
+        labels: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
+        let (features, labels) = (reals("features", features)?, integer_vec("labels", labels)?);
+        checked(check_shape(
+            "features",
+            &[labels.len(), self.dim],
+            features.shape(),
+        ))?;
+        let features = slice(&features);
+        checked(detached(py, &self.inner, |table| {
+            table.update(features, &labels)
+        }))
+    }
+
+    #[pyo3(signature = (labels, *, out=None))]
+    fn embed<'py>(
+        &self,
+        py: Python<'py>,
+        labels: &Bound<'py, PyAny>,
+        out: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let labels = integer_vec("labels", labels)?;
+        let shape = [labels.len(), self.dim];
+        let Some(out) = out else {
+            let rows = checked(detached(py, &self.inner, |table| table.embed(&labels)))?;
+            return Ok(into_array(py, rows, &shape)?.into_any());
+        };
+        let mut rows = exclusive::<f32>(out, &shape)?;
+        let rows = rows.as_slice_mut()?;
+        checked(detached(py, &self.inner, |table| {
+            table.embed_into(&labels, rows)
+        }))?;
+        Ok(out.clone())
+    }
+
+    fn state_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let copy = detached(py, &self.inner, |table| table.clone());
+        let state = PyDict::new(py);
+        state.set_item(
+            "table",
+            into_array(py, copy.table().to_vec(), &[self.num_classes, self.dim])?,
+        )?;
+        state.set_item(
+            "seen",
+            into_array(py, copy.seen().to_vec(), &[self.num_classes])?,
+        )?;
+        state.set_item("rng", into_array(py, copy.rng().state().to_vec(), &[4])?)?;
+        Ok(state)
+    }
+
+    fn load_state_dict(&self, py: Python<'_>, state: &Bound<'_, PyAny>) -> PyResult<()> {
+        let table = exact::<f32>("table", &state.get_item("table")?)?;
+        checked(check_shape(
+            "table",
+            &[self.num_classes, self.dim],
+            table.shape(),
+        ))?;
+        let seen = exact::<bool>("seen", &state.get_item("seen")?)?;
+        check_vector("seen", seen.shape())?;
+        let rng = rng_from_state("rng", &state.get_item("rng")?)?;
+        let (table, seen) = (slice(&table), slice(&seen));
+        checked(detached(py, &self.inner, |prototypes| {
+            prototypes.restore(table, seen, rng)
+        }))
+    }
+
+    #[getter]
+    fn table<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
+        let table = detached(py, &self.inner, |prototypes| prototypes.table().to_vec());
+        into_array(py, table, &[self.num_classes, self.dim])
+    }
+
+    #[getter]
+    fn seen<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
+        let seen = detached(py, &self.inner, |prototypes| prototypes.seen().to_vec());
+        into_array(py, seen, &[self.num_classes])
+    }
+
+    #[getter]
+    fn num_classes(&self) -> usize {
+        self.num_classes
+    }
+
+    #[getter]
+    fn dim(&self) -> usize {
+        self.dim
+    }
+
+    #[getter]
+    fn momentum(&self, py: Python<'_>) -> f64 {
+        detached(py, &self.inner, |prototypes| prototypes.momentum())
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> String {
+        let seen = detached(py, &self.inner, |prototypes| {
+            prototypes.seen().iter().filter(|&&seen| seen).count()
+        });
+        format!(
+            "Prototypes(num_classes={}, dim={}, seen={seen})",
+            self.num_classes, self.dim
+        )
+    }
+}

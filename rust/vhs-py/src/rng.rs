@@ -1,0 +1,40 @@
+//! `vhs.Rng`: the seeded generator, as an argument of samplers.
+
+use std::sync::Mutex;
+
+use numpy::PyArrayDyn;
+use pyo3::prelude::*;
+use vhs_core::rng as core;
+
+use crate::arrays::{detached, into_array, rng_from_state, seed};
+
+/// A seeded generator; see the stub for its documentation.
+#[pyclass(frozen, module = "vhs._core")]
+pub(crate) struct Rng {
+    pub(crate) inner: Mutex<core::Rng>,
+}
+
+#[pymethods]
+impl Rng {
+    #[new]
+    #[pyo3(signature = (seed=None), text_signature = "(seed=0)")]
+    fn new(seed: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
+        let seed = seed.map_or(Ok(0), self::seed)?;
+        Ok(Self {
+            inner: Mutex::new(core::Rng::new(seed)),
+        })
+    }
+
+    #[staticmethod]
+    fn from_state(state: &Bound<'_, PyAny>) -> PyResult<Self> {
+        Ok(Self {
+            inner: Mutex::new(rng_from_state("state", state)?),
+        })
+    }
+
+    #[getter]
+    fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<u64>>> {
+        let state = detached(py, &self.inner, |rng| rng.state());
+        into_array(py, state.to_vec(), &[4])
+    }
+}
