@@ -28,6 +28,8 @@ from vhs._core import (
 )
 from vhs.outcome import Outcome
 
+__version__ = "0.1.0"
+
 __all__ = [
     "ArgumentError",
     "DamagedFileError",

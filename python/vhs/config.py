@@ -8,7 +8,7 @@ Hindsight Self-Imitation Learning for Interactive Navigation"; what departs from
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -205,7 +205,7 @@ def _merge(tree: dict[str, Any], overlay: Mapping[str, Any]) -> None:
 def _explain(detail: ErrorDetails) -> str:
     where = ".".join(str(part) for part in detail["loc"])
     if detail["type"] == "extra_forbidden":
-        return _explain_unknown(where)
+        return unknown_key(where, list(known_keys()))
     if detail["type"] == "value_error":
         return str(detail["ctx"]["error"])
     found = detail["input"]
@@ -218,8 +218,8 @@ def _expected(message: str) -> str:
     return message.removeprefix("Input should be ").removeprefix("a valid ").partition(", unable to")[0]
 
 
-def _explain_unknown(where: str) -> str:
-    keys = list(known_keys())
+def unknown_key(where: str, keys: Sequence[str]) -> str:
+    """Say that `where` is none of `keys`, and name the nearest one that is."""
     nearest = difflib.get_close_matches(where, keys, n=1, cutoff=0.5) or difflib.get_close_matches(
         where.rpartition(".")[2], [key.rpartition(".")[2] for key in keys], n=1, cutoff=0.6
     )
@@ -230,7 +230,7 @@ def _explain_unknown(where: str) -> str:
     return f"unknown key `{where}`{hint}"
 
 
-def known_keys(section: type[BaseModel] = Config, prefix: str = "") -> Iterable[str]:
+def known_keys(section: type[BaseModel] = Config, prefix: str = "") -> Iterator[str]:
     """Dotted names of every key of a configuration, sections included."""
     for name, field in section.model_fields.items():
         yield prefix + name

@@ -180,7 +180,11 @@ def test_hindsight_value_targets(value_target: str) -> None:
     else:
         rewards = batch.rewards[0].astype(np.float64) * 0.1
         rewards[-1] = SUCCESS_REWARD * 0.1
-        expected = [rewards[0] + 0.5 * rewards[1] + 0.25 * rewards[2], rewards[1] + 0.5 * rewards[2], rewards[2]]
+        expected = [
+            rewards[0] + 0.5 * rewards[1] + 0.25 * rewards[2],
+            rewards[1] + 0.5 * rewards[2],
+            rewards[2],
+        ]
         np.testing.assert_allclose(targets[0], expected, rtol=1e-5)
 
 

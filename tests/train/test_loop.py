@@ -93,7 +93,9 @@ def test_a_damaged_checkpoint_is_an_error_that_names_it(victim: str, damage: str
         train(debug_config("train.episodes=8"), run, StringIO())
 
 
-def test_a_room_key_that_does_not_exist_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_room_key_that_does_not_exist_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     arguments = ["train", "--config", str(CONFIGS / "debug.yaml"), "--out", str(tmp_path / "run")]
     assert main([*arguments, "--set", "env.room.strid_m=0.4"]) == 1
     assert "did you mean `env.room.stride_m`?" in capsys.readouterr().err
@@ -103,9 +105,20 @@ def test_a_room_key_that_does_not_exist_is_refused(tmp_path: Path, capsys: pytes
 @pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_saves_and_the_same_command_resumes(kind: signal.Signals, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    arguments = ["train", "--config", str(CONFIGS / "debug.yaml"), "--set", "train.episodes=400", "--out", str(run)]
+    arguments = [
+        "train",
+        "--config",
+        str(CONFIGS / "debug.yaml"),
+        "--set",
+        "train.episodes=400",
+        "--out",
+        str(run),
+    ]
     process = subprocess.Popen(
-        [sys.executable, "-m", "vhs.cli", *arguments], stdout=subprocess.PIPE, text=True, env=os.environ | {"COLUMNS": "300"}
+        [sys.executable, "-m", "vhs.cli", *arguments],
+        stdout=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"COLUMNS": "300"},
     )
     deadline = time.monotonic() + 60
     while len(read_log(run)) < 1 and time.monotonic() < deadline:
@@ -125,7 +138,9 @@ def test_eval_prints_rates_and_spl(tmp_path: Path, capsys: pytest.CaptureFixture
     train(debug_config("train.episodes=4"), run, StringIO())
     assert main(["eval", str(run), "--episodes", "10", "--seed", "3"]) == 0
     lines = dict(line.split() for line in capsys.readouterr().out.splitlines())
-    assert float(lines["success"]) + float(lines["failure"]) + float(lines["timeout"]) == pytest.approx(1.0, abs=2e-3)
+    assert float(lines["success"]) + float(lines["failure"]) + float(lines["timeout"]) == pytest.approx(
+        1.0, abs=2e-3
+    )
     assert lines["episodes"] == "10"
     assert 0 <= float(lines["spl"]) <= float(lines["success"])
     assert main(["eval", str(run), "--episodes", "10", "--seed", "3", "--json"]) == 0

@@ -8,6 +8,7 @@ optimiser step.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -211,8 +212,8 @@ class VHS:
         return {
             "agent": self.agent.state_dict(),
             "optimiser": self.optimiser.state_dict(),
-            "prototypes": self.prototypes.state_dict(),
-            "rng": self.rng.state_dict(),
+            "prototypes": _to_tensors(self.prototypes.state_dict()),
+            "rng": torch.from_numpy(self.rng.state),
             "updates": self.updates,
         }
 
@@ -220,9 +221,18 @@ class VHS:
         """Return to a state that `state_dict` gave."""
         self.agent.load_state_dict(state["agent"])
         self.optimiser.load_state_dict(state["optimiser"])
-        self.prototypes.load_state_dict(state["prototypes"])
-        self.rng.load_state_dict(state["rng"])
+        self.prototypes.load_state_dict(_to_arrays(state["prototypes"]))
+        self.rng = Rng.from_state(state["rng"].numpy())
         self.updates = int(state["updates"])
+
+
+def _to_tensors(arrays: Mapping[str, Any]) -> dict[str, Tensor]:
+    """State of the Rust core as tensors, which `torch.load` reads without unpickling code."""
+    return {name: torch.from_numpy(array) for name, array in arrays.items()}
+
+
+def _to_arrays(tensors: Mapping[str, Tensor]) -> dict[str, NDArray[Any]]:
+    return {name: tensor.numpy() for name, tensor in tensors.items()}
 
 
 def _numpy(tensor: Tensor) -> NDArray[Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any
 
 import gymnasium
@@ -10,8 +11,8 @@ import torch
 
 from vhs import EpisodeBuffer, GoalStore, Prototypes, Rng
 from vhs.algorithms import VHS
-from vhs.config import Config
-from vhs.envs import TASKS, RoomConfig
+from vhs.config import Config, unknown_key
+from vhs.envs import TASKS, RoomConfig, Task
 from vhs.errors import ConfigError
 from vhs.models import FeatureExtractor, GoalAgent
 
@@ -22,15 +23,25 @@ def room_config(config: Config) -> RoomConfig:
     Raises:
         ConfigError: an unknown or wrong entry of `env.room`.
     """
-    return RoomConfig.from_overrides(config.env.room)
+    known = [field.name for field in fields(RoomConfig)]
+    for key in config.env.room:
+        if key not in known:
+            raise ConfigError(unknown_key(f"env.room.{key}", [f"env.room.{name}" for name in known]))
+    try:
+        return RoomConfig(**config.env.room)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"env.room.{error}") from error
+
+
+def task_of(config: Config) -> Task:
+    """The task that `task` names."""
+    return TASKS[("task1", "task2", "task3").index(config.task)]
 
 
 def make_envs(config: Config, count: int, **kwargs: Any) -> list[gymnasium.Env[Any, Any]]:
     """`count` rooms of the configured task."""
-    task, room = TASKS[config.task], room_config(config)
-    return [
-        gymnasium.make(task.env_id, config=room, renderer=config.env.renderer, **kwargs) for _ in range(count)
-    ]
+    env_id, room = f"vhs/{task_of(config).name}-v0", room_config(config)
+    return [gymnasium.make(env_id, config=room, renderer=config.env.renderer, **kwargs) for _ in range(count)]
 
 
 def make_agent(config: Config, env: gymnasium.Env[Any, Any]) -> GoalAgent:
@@ -56,7 +67,7 @@ def make_buffer(
 ) -> EpisodeBuffer:
     """An episode buffer for `num_streams` running and `num_waiting` ended episodes."""
     image, interactions, _ = _spaces(env)
-    horizon = room_config(config).max_steps
+    horizon = room_config(config).horizon_steps
     return EpisodeBuffer(
         image,
         num_streams=num_streams,
