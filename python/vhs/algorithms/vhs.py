@@ -179,7 +179,7 @@ class VHS:
             found = ", ".join(f"{name} {term.item():.3g}" for name, term in terms.items())
             raise DivergenceError(f"update {self.updates + 1}: expected a finite loss, found {found}")
         self.optimiser.zero_grad(set_to_none=True)
-        loss.backward()
+        loss.backward()  # type: ignore[no-untyped-call]
         norm = nn.utils.clip_grad_norm_(self.agent.parameters(), self._train.max_grad_norm)
         if not torch.isfinite(norm):
             raise DivergenceError(

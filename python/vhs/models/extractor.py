@@ -37,7 +37,7 @@ class FeatureExtractor(nn.Module):
                 nn.ReLU(),
             ]
             inputs, height, width = outputs, (height + 1) // 2, (width + 1) // 2
-        self.convolutions = nn.Sequential(*layers).to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.convolutions = nn.Sequential(*layers).to(memory_format=torch.channels_last)
         self.project = nn.Linear(inputs * height * width, feature_dim)
 
     def forward(self, observations: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:

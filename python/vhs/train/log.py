@@ -100,7 +100,11 @@ class RunLog:
 
     def say(self, text: str) -> None:
         """Tell the person something that is no row."""
-        self._console.print(text, highlight=False)
+        if self._console.is_terminal:
+            self._console.print(text, highlight=False)
+        else:
+            # A pipe has no width to wrap at, and its reader wants the line now.
+            print(text, file=self._console.file, flush=True)
 
     def _show(self, row: Mapping[str, Any]) -> None:
         line = (
