@@ -1,7 +1,8 @@
 """Shortest plans from the true state: proof that the tasks are fair, and the optimum that SPL divides by.
 
-Owns a breadth-first search over strides and turns with the kinematics of `vhs.envs.kinematics`; reads no images.
-A plan ends on the instructed object, never on another one (in Task 1, being near another would end the episode).
+Owns a breadth-first search over strides and turns with the kinematics of `vhs.envs.kinematics`; reads no
+images. A plan ends on the instructed object, never on another one (in Task 1, being near another would end
+the episode).
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Where the objects go: rejection sampling of places and postures.
 
-Owns the rules of a fair start. Every accepted layout keeps all objects out of reach of the robot at the room's
-centre, inside the walls, and apart from each other by their true bounding circles and by a minimum separation.
-Draws only from the generator that it is given.
+Owns the rules of a fair start. Every accepted layout keeps all objects out of reach of the robot at the
+room's centre, inside the walls, and apart from each other by their true bounding circles and by a minimum
+separation. Draws only from the generator that it is given.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def sample_layout(
             footprints.clear()
             draws_here = 0
     raise PlacementError(
-        f"expected a layout of {len(OBJECT_NAMES)} objects in a {config.room_side_m} m room within {_MAX_DRAWS} "
-        "draws, found none: enlarge room_side_m, or lower object_scale or separation_m"
+        f"expected a layout of {len(OBJECT_NAMES)} objects in a {config.room_side_m} m room within "
+        f"{_MAX_DRAWS} draws, found none: enlarge room_side_m, or lower object_scale or separation_m"
     )
 
 

@@ -1,11 +1,11 @@
 """The environment: a robot in a room, an instruction, and how episodes end.
 
-Owns `RoomEnv`, the gymnasium face of the three tasks. The order of one step: move (or hold) for one control period of
-real dynamics, see what is in reach, name the outcome, reward it, draw.
+Owns `RoomEnv`, the gymnasium face of the three tasks. The order of one step: move (or hold) for one control
+period of real dynamics, see what is in reach, name the outcome, reward it, draw.
 
-Invariants: same seed, same episode, bit for bit; `terminated` means success or failure and `truncated` means timeout,
-never both; `info` names the outcome and the reached object only at the end, for evaluation: a learner must not read
-the reached object. Source: DESIGN section 3; paper, experiments section.
+Invariants: same seed, same episode, bit for bit; `terminated` means success or failure and `truncated` means
+timeout, never both; `info` names the outcome and the reached object only at the end, for evaluation: a
+learner must not read the reached object. Source: DESIGN section 3; paper, experiments section.
 """
 
 from __future__ import annotations
@@ -14,17 +14,25 @@ import math
 import operator
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar, SupportsFloat, SupportsIndex
+from typing import Any, SupportsFloat, SupportsIndex
 
 import gymnasium
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from vhs.envs.config import FIRST_INTERACTION, MOVE_FORWARD, OBJECT_NAMES, TASKS, TURN_LEFT, RoomConfig, Task
+from vhs.envs.config import (
+    FIRST_INTERACTION,
+    HEADINGS,
+    MOVE_FORWARD,
+    OBJECT_NAMES,
+    TASKS,
+    TURN_LEFT,
+    RoomConfig,
+    Task,
+)
 from vhs.envs.kinematics import (
     HEADING_RAD,
-    HEADINGS,
     Footprint,
     Pose,
     nearest_in_reach,
@@ -48,16 +56,10 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
     """Find the instructed object in a room and, in Tasks 2 and 3, use the instructed interaction on it.
 
     Actions: 0 MoveForward, 1 TurnLeft, 2 TurnRight, then the task's interactions.
-
-    Args:
-        task: one of `TASKS`, or its name.
-        config: the room's numbers; the defaults are those of the three tasks.
-        render_mode: "rgb_array" for `render`'s third-person view, or None.
-        renderer: what draws observations, a key of `vhs.envs.rendering.RENDERERS`.
-        objects_dir: folder with meshes of your own; see `vhs.envs.objects`.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 4}
+    # A plain class attribute, not a ClassVar, because gymnasium declares it so.
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012
 
     def __init__(
         self,
@@ -68,6 +70,15 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         renderer: str = "mujoco",
         objects_dir: str | Path | None = None,
     ) -> None:
+        """Load the room; nothing is drawn before the first reset.
+
+        Args:
+            task: one of `TASKS`, or its name.
+            config: the room's numbers; the defaults are those of the three tasks.
+            render_mode: "rgb_array" for `render`'s third-person view, or None.
+            renderer: what draws observations, a key of `vhs.envs.rendering.RENDERERS`.
+            objects_dir: folder with meshes of your own; see `vhs.envs.objects`.
+        """
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode: expected 'rgb_array' or None, found {render_mode!r}")
         check_renderer(renderer)
@@ -75,7 +86,7 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         self.config = RoomConfig() if config is None else config
         self.render_mode = render_mode
         size_px = self.config.image_px
-        # Task 1 has no interactions; its instruction keeps the key, always 0, so that one agent fits all tasks.
+        # Task 1 has no interactions; its instruction keeps the key, always 0: one agent fits all tasks.
         self._num_interactions = max(1, self.task.interactions)
         self.observation_space = gymnasium.spaces.Dict(
             {
@@ -99,7 +110,7 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         self._steps = 0
         self._is_running = False
 
-    # -- gymnasium ---------------------------------------------------------------------------------------------------
+    # -- gymnasium -----------------------------------------------------------------------------------------
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -132,8 +143,9 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         """Carry one action out.
 
         Returns:
-            Observation, reward, terminated (success or failure), truncated (timeout), and info: empty while the
-            episode runs, else `outcome`, `reached_object` and `reached_interaction` (-1 where there is none).
+            Observation, reward, terminated (success or failure), truncated (timeout), and info: empty
+            while the episode runs, else `outcome`, `reached_object` and `reached_interaction` (-1 where
+            there is none).
         """
         chosen = self._check_action(action)
         interaction = chosen - FIRST_INTERACTION if chosen >= FIRST_INTERACTION else _NOTHING
@@ -153,7 +165,7 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         is_timeout = outcome is Outcome.TIMEOUT
         return self._observe(), reward, outcome is not None and not is_timeout, is_timeout, info
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """Third-person view of the room, uint8 [480, 480, 3]; None without a render mode."""
         if self.render_mode is None:
             return None
@@ -161,7 +173,7 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         onlooker_source(self._room.model, ONLOOKER_PX).render(self._data, picture)
         return picture
 
-    # -- true state, for oracle, evaluation and tests ----------------------------------------------------------------
+    # -- true state, for oracle, evaluation and tests ------------------------------------------------------
 
     @property
     def goal(self) -> int:
@@ -219,7 +231,7 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         x_m, y_m, yaw_rad = self.measured_pose
         return nearest_in_reach(x_m, y_m, math.cos(yaw_rad), math.sin(yaw_rad), self._centres, self.config)
 
-    # -- parts of a step ---------------------------------------------------------------------------------------------
+    # -- parts of a step -----------------------------------------------------------------------------------
 
     def _start_physics(self, pose: Pose) -> None:
         """Put robot and objects in place, at rest."""
@@ -266,7 +278,7 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         first_person_source(self._renderer_name, self._room.model, size_px).render(self._data, image)
         return {"image": image, "goal": np.int64(self._goal), "interaction": np.int64(self._interaction)}
 
-    # -- checks ------------------------------------------------------------------------------------------------------
+    # -- checks --------------------------------------------------------------------------------------------
 
     def _check_action(self, action: np.int64 | int) -> int:
         """The action as an int, if the episode runs and the task has it."""
