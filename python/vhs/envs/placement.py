@@ -25,9 +25,7 @@ class PlacementError(RuntimeError):
     """The objects do not fit the room."""
 
 
-def sample_layout(
-    room: RoomModel, config: RoomConfig, rng: np.random.Generator
-) -> tuple[tuple[ObjectPose, ...], tuple[Footprint, ...]]:
+def sample_layout(room: RoomModel, config: RoomConfig, rng: np.random.Generator) -> tuple[ObjectPose, ...]:
     """Draw poses for all objects.
 
     Args:
@@ -36,7 +34,7 @@ def sample_layout(
         rng: the only source of randomness.
 
     Returns:
-        Poses and footprints in order of the class labels.
+        One pose per object, in order of the class labels.
 
     Raises:
         PlacementError: no layout was found; the objects are too large for the room.
@@ -57,7 +55,7 @@ def sample_layout(
             poses.append(pose)
             footprints.append(footprint)
             if len(poses) == len(OBJECT_NAMES):
-                return tuple(poses), tuple(footprints)
+                return tuple(poses)
         elif draws_here > _DRAWS_BEFORE_RESTART:
             poses.clear()
             footprints.clear()

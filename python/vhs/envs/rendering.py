@@ -80,10 +80,21 @@ class MujocoImageSource:
         self._renderer.render(out=out)
 
 
+class BlankImageSource:
+    """Black images, for planners and tests that look at the true state: needs no OpenGL and no time."""
+
+    def __init__(self, model: mujoco.MjModel, height: int, width: int) -> None:
+        """Take what every source takes; nothing of it matters."""
+
+    def render(self, data: mujoco.MjData, out: Image) -> None:
+        """Blacken `out`."""
+        out.fill(0)
+
+
 SourceMaker = Callable[[mujoco.MjModel, int, int], ImageSource]
 """Makes an image source from (model, height, width)."""
 
-RENDERERS: dict[str, SourceMaker] = {"mujoco": MujocoImageSource}
+RENDERERS: dict[str, SourceMaker] = {"mujoco": MujocoImageSource, "none": BlankImageSource}
 """Names that the environment's `renderer` argument takes."""
 
 
