@@ -1,7 +1,7 @@
 """The three visual navigation tasks, registered with gymnasium in the namespace `vhs`.
 
-Importing this package registers them and loads nothing heavy: MuJoCo comes with the first `gymnasium.make`, and the
-names below with their first use.
+Importing this package registers them and loads nothing heavy: MuJoCo comes with the first `gymnasium.make`,
+and the names below with their first use.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from gymnasium.envs.registration import register, registry
 
-import vhs.envs.opengl  # before anything that imports mujoco
+import vhs.envs.opengl  # noqa: F401  its effect is needed before anything imports mujoco
 from vhs.envs.config import OBJECT_NAMES, TASKS, RoomConfig, Task
 from vhs.envs.rewards import Outcome, compute_reward, reward_terms
 

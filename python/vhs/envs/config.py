@@ -1,9 +1,10 @@
 """Every number of the room, once, with its unit and where it comes from.
 
-Owns `RoomConfig` (the room, the robot's motion, the camera, the rewards) and `Task` (what sets the three tasks
-apart). Both are frozen: an environment never changes its own rules.
+Owns `RoomConfig` (the room, the robot's motion, the camera, the rewards) and `Task` (what sets the three
+tasks apart). Both are frozen: an environment never changes its own rules.
 
-"paper" marks numbers given by the paper's experiments section; "chosen" marks numbers that the paper leaves open.
+"paper" marks numbers given by the paper's experiments section; "chosen" marks numbers that the paper leaves
+open.
 """
 
 from __future__ import annotations
@@ -72,15 +73,15 @@ class RoomConfig:
     room_side_m: float = 3.0
     """Inner side of the square room (chosen)."""
     wall_height_m: float = 1.5
-    """High enough that the camera never sees over a wall: from the far corner its view ends at 1.43 m (chosen)."""
+    """High enough that the camera never sees over a wall (chosen)."""
     reach_m: float = 0.6
     """Planar distance from the robot's centre to an object's centre that counts as reached (chosen)."""
     reach_half_angle_deg: float = 30.0
-    """Largest angle between heading and object that counts as reached: what is reached is also seen (chosen)."""
+    """Largest angle between heading and object that counts as reached, so that it is also seen (chosen)."""
     start_clearance_m: float = 0.1
     """Objects start at least this far outside the reach (chosen)."""
     separation_m: float = 0.8
-    """Least distance between two objects' centres, so that each can be reached without touching others (chosen)."""
+    """Least distance between two objects' centres: the robot fits between any two (chosen)."""
     object_gap_m: float = 0.02
     """Least gap between an object's bounding circle and a wall, or another's circle (chosen)."""
     object_scale: float = 1.6
@@ -142,7 +143,7 @@ class RoomConfig:
             raise ValueError(f"camera_vfov_deg: expected less than 180 degrees, found {self.camera_vfov_deg}")
         if self.bumper_radius_m >= self.reach_m:
             raise ValueError(
-                f"bumper_radius_m: expected less than reach_m = {self.reach_m} m (or nothing could be reached), "
+                f"bumper_radius_m: expected less than reach_m = {self.reach_m} m (else nothing is in reach), "
                 f"found {self.bumper_radius_m} m"
             )
         free_half_side_m = self.room_side_m / 2 - self.reach_m - self.start_clearance_m

@@ -1,11 +1,11 @@
 """Plane geometry of the room: poses, footprints, reach, and how far a stride gets.
 
-Pure functions of plain floats (metres, radians), shared by the environment and the oracle so that the plan and the
-world cannot disagree. World frame: origin at the room's centre, x to the right, y ahead, yaw counter-clockwise
-from x.
+Pure functions of plain floats (metres, radians), shared by the environment and the oracle so that the plan
+and the world cannot disagree. World frame: origin at the room's centre, x to the right, y ahead, yaw counter-
+clockwise from x.
 
-A robot's *commanded pose* lives on a lattice: its heading is one of eight indices, never an integrated angle, so no
-heading error can build up over an episode.
+A robot's *commanded pose* lives on a lattice: its heading is one of eight indices, never an integrated angle,
+so no heading error can build up over an episode.
 """
 
 from __future__ import annotations
@@ -94,7 +94,8 @@ def way_to_touch_m(
 ) -> float:
     """Way of a disc along a unit direction until it touches a rectangle; infinity if it never does.
 
-    The disc's centre moves as a point against the rectangle grown by the radius: two boxes and four corner discs.
+    The disc's centre moves as a point against the rectangle grown by the radius: two boxes and four corner
+    discs.
 
     Args:
         x_m: disc centre.
@@ -148,7 +149,7 @@ def _way_to_disc_m(px: float, py: float, ux: float, uy: float, radius_m: float) 
 def nearest_in_reach(
     x_m: float, y_m: float, cos: float, sin: float, centres: Sequence[tuple[float, float]], config: RoomConfig
 ) -> int:
-    """Index of the nearest object within reach and within the reach angle of the heading; -1 if there is none.
+    """Index of the nearest object within reach and near enough to the heading; -1 if there is none.
 
     Args:
         x_m: robot centre.

@@ -1,10 +1,10 @@
 """The five objects: our own bottles and cartons, or the user's meshes.
 
-Owns `ObjectAsset` (what the scene needs of one object), the built-in catalogue and the loader of `objects_dir`.
-Sizes are those of life; the scene multiplies them by `RoomConfig.object_scale`.
+Owns `ObjectAsset` (what the scene needs of one object), the built-in catalogue and the loader of
+`objects_dir`. Sizes are those of life; the scene multiplies them by `RoomConfig.object_scale`.
 
-Layout of an `objects_dir`: one folder per object, named as in `OBJECT_NAMES`, holding `mesh.obj` (metres, z up,
-front to -x, any origin) and `texture.png`.
+Layout of an `objects_dir`: one folder per object, named as in `OBJECT_NAMES`, holding `mesh.obj` (metres, z
+up, front to -x, any origin) and `texture.png`.
 """
 
 from __future__ import annotations

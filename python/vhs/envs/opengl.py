@@ -1,7 +1,7 @@
 """Environment variables that OpenGL needs, set before anything imports mujoco.
 
-Owns the two defaults below; a value that the user has set is left alone. Imported first by `vhs.envs`, because
-mujoco chooses its OpenGL platform once, on import.
+Owns the two defaults below; a value that the user has set is left alone. Imported first by `vhs.envs`,
+because mujoco chooses its OpenGL platform once, on import.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import sys
 
 
 def choose_defaults() -> None:
-    """Choose EGL where there is no display, and drawing in the calling thread for Mesa's software renderer."""
+    """Choose EGL where there is no display, and no worker threads for Mesa's software renderer."""
     if not sys.platform.startswith("linux"):
         return
     if not os.environ.get("DISPLAY"):

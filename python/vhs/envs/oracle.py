@@ -1,7 +1,8 @@
 """Shortest plans from the true state: proof that the tasks are fair, and the optimum that SPL divides by.
 
-Owns a breadth-first search over strides and turns with the kinematics of `vhs.envs.kinematics`; reads no images.
-A plan ends on the instructed object, never on another one (in Task 1, being near another would end the episode).
+Owns a breadth-first search over strides and turns with the kinematics of `vhs.envs.kinematics`; reads no
+images. A plan ends on the instructed object, never on another one (in Task 1, being near another would end
+the episode).
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ def plan(env: gymnasium.Env[Any, Any]) -> list[int]:
         NoPlanError: there is none within the steps that are left.
     """
     room = _room(env)
-    return _search(room, room.commanded_pose, room.config.horizon_steps - room.steps)
+    return _search(room, room.world.commanded_pose, room.config.horizon_steps - room.steps)
 
 
 def optimal_steps(env: gymnasium.Env[Any, Any]) -> int:
@@ -49,7 +50,7 @@ def optimal_steps(env: gymnasium.Env[Any, Any]) -> int:
         NoPlanError: there is none within the horizon.
     """
     room = _room(env)
-    return len(_search(room, room.start_pose, room.config.horizon_steps))
+    return len(_search(room, room.world.start_pose, room.config.horizon_steps))
 
 
 class _Sight:
@@ -57,7 +58,7 @@ class _Sight:
 
     def __init__(self, room: RoomEnv) -> None:
         """Take the objects' places and the reach with slack in both directions."""
-        self._centres = [(pose.x_m, pose.y_m) for pose in room.object_poses]
+        self._centres = [(pose.x_m, pose.y_m) for pose in room.world.object_poses]
         self._sure = _with_slack(room.config, -1.0)
         self._at_most = _with_slack(room.config, 1.0)
 
@@ -100,7 +101,7 @@ def _search(room: RoomEnv, start: Pose, steps_left: int) -> list[int]:
 def _moves(room: RoomEnv, pose: Pose) -> tuple[tuple[int, Pose], ...]:
     """The poses that one movement leads to."""
     return (
-        (MOVE_FORWARD, strided(pose, room.footprints, room.config)),
+        (MOVE_FORWARD, strided(pose, room.world.footprints, room.config)),
         (TURN_LEFT, turned(pose, 1)),
         (TURN_RIGHT, turned(pose, -1)),
     )
@@ -125,7 +126,7 @@ def _room(env: gymnasium.Env[Any, Any]) -> RoomEnv:
     room = env.unwrapped
     if not isinstance(room, RoomEnv):
         raise TypeError(f"env: expected a RoomEnv, wrapped or not, found {type(room).__name__}")
-    if not room.object_poses:
+    if not room.world.object_poses:
         raise gymnasium.error.ResetNeeded(
             "oracle: expected an environment that has been reset, found a new one"
         )

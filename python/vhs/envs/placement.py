@@ -1,8 +1,8 @@
 """Where the objects go: rejection sampling of places and postures.
 
-Owns the rules of a fair start. Every accepted layout keeps all objects out of reach of the robot at the room's
-centre, inside the walls, and apart from each other by their true bounding circles and by a minimum separation.
-Draws only from the generator that it is given.
+Owns the rules of a fair start. Every accepted layout keeps all objects out of reach of the robot at the
+room's centre, inside the walls, and apart from each other by their true bounding circles and by a minimum
+separation. Draws only from the generator that it is given.
 """
 
 from __future__ import annotations
@@ -25,9 +25,7 @@ class PlacementError(RuntimeError):
     """The objects do not fit the room."""
 
 
-def sample_layout(
-    room: RoomModel, config: RoomConfig, rng: np.random.Generator
-) -> tuple[tuple[ObjectPose, ...], tuple[Footprint, ...]]:
+def sample_layout(room: RoomModel, config: RoomConfig, rng: np.random.Generator) -> tuple[ObjectPose, ...]:
     """Draw poses for all objects.
 
     Args:
@@ -36,7 +34,7 @@ def sample_layout(
         rng: the only source of randomness.
 
     Returns:
-        Poses and footprints in order of the class labels.
+        One pose per object, in order of the class labels.
 
     Raises:
         PlacementError: no layout was found; the objects are too large for the room.
@@ -57,14 +55,14 @@ def sample_layout(
             poses.append(pose)
             footprints.append(footprint)
             if len(poses) == len(OBJECT_NAMES):
-                return tuple(poses), tuple(footprints)
+                return tuple(poses)
         elif draws_here > _DRAWS_BEFORE_RESTART:
             poses.clear()
             footprints.clear()
             draws_here = 0
     raise PlacementError(
-        f"expected a layout of {len(OBJECT_NAMES)} objects in a {config.room_side_m} m room within {_MAX_DRAWS} "
-        "draws, found none: enlarge room_side_m, or lower object_scale or separation_m"
+        f"expected a layout of {len(OBJECT_NAMES)} objects in a {config.room_side_m} m room within "
+        f"{_MAX_DRAWS} draws, found none: enlarge room_side_m, or lower object_scale or separation_m"
     )
 
 

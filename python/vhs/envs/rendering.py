@@ -1,9 +1,11 @@
 """Images of a room: the seam between the environment and whatever draws.
 
-Owns the protocol `ImageSource`, its implementation on `mujoco.Renderer`, and the choice between renderers by name.
+Owns the protocol `ImageSource`, its implementation on `mujoco.Renderer`, and the choice between renderers by
+name.
 
-Invariants: a GL context belongs to one process and one thread, so sources are shared only within a thread of a
-process (sixteen contexts are slower than one); shadows and reflections are off, since they cost more than all else.
+Invariants: a GL context belongs to one process and one thread, so sources are shared only within a thread of
+a process (sixteen contexts are slower than one); shadows and reflections are off, since they cost more than
+all else.
 """
 
 from __future__ import annotations
@@ -55,7 +57,8 @@ class MujocoImageSource:
             NoOpenGLError: MuJoCo found no OpenGL that works.
         """
         if is_onlooker:
-            # Smooth edges for people; an agent's images do without, at half the cost. The model is shared: copy it.
+            # Smooth edges for people; an agent's images do without, at half the cost. The model is shared, so
+            # it is copied.
             model = copy.copy(model)
             model.vis.quality.offsamples = 4
         try:
@@ -77,18 +80,36 @@ class MujocoImageSource:
         self._renderer.render(out=out)
 
 
+class BlankImageSource:
+    """Black images, for planners and tests that look at the true state: needs no OpenGL and no time."""
+
+    def __init__(self, model: mujoco.MjModel, height: int, width: int) -> None:
+        """Take what every source takes; nothing of it matters."""
+
+    def render(self, data: mujoco.MjData, out: Image) -> None:
+        """Blacken `out`."""
+        out.fill(0)
+
+
 SourceMaker = Callable[[mujoco.MjModel, int, int], ImageSource]
 """Makes an image source from (model, height, width)."""
 
-RENDERERS: dict[str, SourceMaker] = {"mujoco": MujocoImageSource}
+RENDERERS: dict[str, SourceMaker] = {"mujoco": MujocoImageSource, "none": BlankImageSource}
 """Names that the environment's `renderer` argument takes."""
 
 
+_Key = tuple[int, str, int, int]
+"""What tells sources apart: process id, renderer, id of the model, image size in pixels."""
+
+_OPEN_SOURCES = 8
+"""Most sources a thread keeps open; the one opened first is closed for the next."""
+
+
 class _ThreadSources(threading.local):
-    """Open sources of this thread, by (process, renderer, model, height, width)."""
+    """Open sources of this thread, each with its model so that the model's id stays its own."""
 
     def __init__(self) -> None:
-        self.by_key: dict[tuple[int, str, int, int, int], tuple[mujoco.MjModel, ImageSource]] = {}
+        self.by_key: dict[_Key, tuple[mujoco.MjModel, ImageSource]] = {}
 
 
 _sources = _ThreadSources()
@@ -115,13 +136,14 @@ def check_renderer(renderer: str) -> None:
 
 
 def _shared(name: str, model: mujoco.MjModel, size_px: int, make: SourceMaker) -> ImageSource:
-    """Look a source up, or make it."""
-    # The process is part of the key: a GL context inherited by a fork is not usable in the child. The model is kept
-    # with its source, so that its id cannot be reused while the entry lives.
-    key = (os.getpid(), name, id(model), size_px, size_px)
+    """Look a source up, or open it."""
+    # The process is part of the key because a GL context inherited by a fork is not usable in the child.
+    key = (os.getpid(), name, id(model), size_px)
     entry = _sources.by_key.get(key)
     if entry is None:
         entry = (model, make(model, size_px, size_px))
+        while len(_sources.by_key) >= _OPEN_SOURCES:
+            del _sources.by_key[next(iter(_sources.by_key))]
         _sources.by_key[key] = entry
     return entry[1]
 
@@ -130,7 +152,7 @@ def _no_opengl_text(error: Exception) -> str:
     """Say what was tried and what to install."""
     backend = os.environ.get("MUJOCO_GL", "not set")
     return (
-        f"expected a working OpenGL to draw the room, found none (MUJOCO_GL is {backend}; {type(error).__name__}: "
-        f"{error}). On Debian or Ubuntu: apt-get install libegl1 libgl1-mesa-dri, and set MUJOCO_GL=egl before "
-        "anything imports mujoco"
+        f"expected a working OpenGL to draw the room, found none (MUJOCO_GL is {backend}; "
+        f"{type(error).__name__}: {error}). On Debian or Ubuntu: apt-get install libegl1 "
+        "libgl1-mesa-dri; and set MUJOCO_GL=egl before anything imports mujoco"
     )

@@ -1,7 +1,7 @@
 """Rewards as a pure function of how a step ended (paper: experiments section).
 
-Owns `Outcome` and the reward table. A reward is the sum of named terms, so that a test can table it and a learner
-that relabels an episode can recompute it.
+Owns `Outcome` and the reward table. A reward is the sum of named terms, so that a test can table it and a
+learner that relabels an episode can recompute it.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
 """The robot as MJCF: a Fetch-like base on planar joints, a camera mast, a UR5-like six-joint arm.
 
-Owns the robot's geometry and its servo gains. Built from primitives, since the real meshes are not freely licensed.
+Owns the robot's geometry and its servo gains. Built from primitives, since the real meshes are not freely
+licensed.
 
-Invariants: nine degrees of freedom in the order `JOINTS`, one position servo each in the same order; one colliding
-geom, the bumper cylinder; everything stays within the bumper's radius, and behind the lower edge of the camera's
-view, so that leaving the robot out of its own images changes no pixel.
+Invariants: nine degrees of freedom in the order `JOINTS`, one position servo each in the same order; one
+colliding geom, the bumper cylinder; everything stays within the bumper's radius, and behind the lower edge of
+the camera's view, so that leaving the robot out of its own images changes no pixel.
 """
 
 from __future__ import annotations
@@ -43,14 +44,16 @@ def robot_body_xml(config: RoomConfig) -> str:
       <joint name="base_x" type="slide" axis="1 0 0"/>
       <joint name="base_y" type="slide" axis="0 1 0"/>
       <joint name="base_yaw" type="hinge" axis="0 0 1"/>
-      <geom name="{BUMPER}" type="cylinder" size="{config.bumper_radius_m} 0.05" pos="0 0 0.07" group="{COLLISION_GROUP}"
-        contype="1" conaffinity="0" mass="{config.base_mass_kg}"/>
-      <geom class="shell" type="cylinder" size="{config.bumper_radius_m} 0.03" pos="0 0 0.06" material="robot_dark"/>
+      <geom name="{BUMPER}" type="cylinder" size="{config.bumper_radius_m} 0.05" pos="0 0 0.07"
+        group="{COLLISION_GROUP}" contype="1" conaffinity="0" mass="{config.base_mass_kg}"/>
+      <geom class="shell" type="cylinder" size="{config.bumper_radius_m} 0.03" pos="0 0 0.06"
+        material="robot_dark"/>
       <geom class="shell" type="cylinder" size="0.22 0.05" pos="0 0 0.14" material="robot_light"/>
       <geom class="shell" type="cylinder" size="0.19 0.005" pos="0 0 0.193" material="robot_blue"/>
       <geom class="shell" type="box" size="0.035 0.06 0.17" pos="-0.02 0 0.36" material="robot_light"/>
       <geom class="shell" type="box" size="0.05 0.1 0.04" pos="-0.02 0 0.6" material="robot_light"/>
-      <geom class="shell" type="cylinder" size="0.018 0.006" pos="0.03 0 0.6" euler="0 90 0" material="robot_dark"/>
+      <geom class="shell" type="cylinder" size="0.018 0.006" pos="0.03 0 0.6"
+        euler="0 90 0" material="robot_dark"/>
       {_camera_xml(config)}{_ARM}
     </body>"""
 
@@ -63,9 +66,9 @@ def actuators_xml() -> str:
 def tune_servos(model: mujoco.MjModel, config: RoomConfig) -> None:
     """Give each servo the gains that settle fastest without overshoot at this physics step.
 
-    `implicitfast` treats damping implicitly and stiffness explicitly, which moves critical damping from a ratio of 1
-    to 1 + rate * dt / 2: there both discrete poles are 1 / (1 + rate * dt). With 1 / 2 a physics step, 15 steps leave
-    5e-4 of a stride.
+    `implicitfast` treats damping implicitly and stiffness explicitly, which moves critical damping from a
+    ratio of 1 to 1 + rate * dt / 2: there both discrete poles are 1 / (1 + rate * dt). With 1 / 2 a physics
+    step, 15 steps leave 5e-4 of a stride.
     """
     rates = np.array([config.servo_rate_per_s] * len(BASE_JOINTS) + [_ARM_SERVO_RATE_PER_S] * len(ARM_JOINTS))
     damping_ratio = 1.0 + rates * config.physics_dt_s / 2
@@ -90,25 +93,25 @@ def _camera_xml(config: RoomConfig) -> str:
 _ARM = """
       <body name="shoulder" pos="-0.14 0 0.2">
         <joint name="shoulder_pan" class="arm" axis="0 0 1"/>
-        <geom class="link" type="cylinder" size="0.045 0.035" pos="0 0 0.035" mass="1.2" material="robot_metal"/>
+        <geom class="link" type="cylinder" size="0.045 0.035" pos="0 0 0.035" mass="1.2"/>
         <body name="upper_arm" pos="0 0 0.075">
           <joint name="shoulder_lift" class="arm" axis="0 1 0"/>
-          <geom class="link" type="cylinder" size="0.042 0.045" euler="90 0 0" mass="0.5" material="robot_blue"/>
-          <geom class="link" type="capsule" size="0.03" fromto="0 0 0 0 0 0.25" mass="2" material="robot_metal"/>
+          <geom class="cap" size="0.042 0.045" mass="0.5"/>
+          <geom class="link" type="capsule" size="0.03" fromto="0 0 0 0 0 0.25" mass="2"/>
           <body name="forearm" pos="0 0 0.25">
             <joint name="elbow" class="arm" axis="0 1 0"/>
-            <geom class="link" type="cylinder" size="0.036 0.04" euler="90 0 0" mass="0.4" material="robot_blue"/>
-            <geom class="link" type="capsule" size="0.025" fromto="0 0 0 0 0 0.2" mass="1" material="robot_metal"/>
+            <geom class="cap" size="0.036 0.04" mass="0.4"/>
+            <geom class="link" type="capsule" size="0.025" fromto="0 0 0 0 0 0.2" mass="1"/>
             <body name="wrist_1_link" pos="0 0 0.2">
               <joint name="wrist_1" class="arm" axis="0 1 0"/>
-              <geom class="link" type="cylinder" size="0.026 0.03" euler="90 0 0" mass="0.3" material="robot_blue"/>
+              <geom class="cap" size="0.026 0.03" mass="0.3"/>
               <body name="wrist_2_link" pos="0 0 0.055">
                 <joint name="wrist_2" class="arm" axis="0 0 1"/>
-                <geom class="link" type="cylinder" size="0.025 0.028" mass="0.3" material="robot_blue"/>
+                <geom class="cap" size="0.025 0.028" mass="0.3" euler="0 0 0"/>
                 <body name="wrist_3_link" pos="0 0 0.05">
                   <joint name="wrist_3" class="arm" axis="0 1 0"/>
-                  <geom class="link" type="cylinder" size="0.023 0.02" euler="90 0 0" mass="0.2" material="robot_metal"/>
-                  <geom class="link" type="box" size="0.02 0.03 0.008" pos="0 0 0.025" mass="0.1" material="robot_dark"/>
+                  <geom class="cap" size="0.023 0.02" mass="0.2"/>
+                  <geom class="link" type="box" size="0.02 0.03 0.008" pos="0 0 0.025" mass="0.1"/>
                 </body>
               </body>
             </body>

@@ -1,41 +1,38 @@
 """The environment: a robot in a room, an instruction, and how episodes end.
 
-Owns `RoomEnv`, the gymnasium face of the three tasks. The order of one step: move (or hold) for one control period of
-real dynamics, see what is in reach, name the outcome, reward it, draw.
+Owns `RoomEnv`, the gymnasium face of the three tasks. The order of one step: move (or hold) for one control
+period of real dynamics, see what is in reach, name the outcome, reward it, draw.
 
-Invariants: same seed, same episode, bit for bit; `terminated` means success or failure and `truncated` means timeout,
-never both; `info` names the outcome and the reached object only at the end, for evaluation: a learner must not read
-the reached object. Source: DESIGN section 3; paper, experiments section.
+Invariants: same seed, same episode, bit for bit; `terminated` means success or failure and `truncated` means
+timeout, never both; `info` names the outcome and the reached object only at the end, for evaluation: a
+learner must not read the reached object. Source: DESIGN section 3; paper, experiments section.
 """
 
 from __future__ import annotations
 
-import math
 import operator
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, SupportsFloat, SupportsIndex
+from typing import Any, SupportsFloat, SupportsIndex
 
 import gymnasium
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from vhs.envs.config import FIRST_INTERACTION, MOVE_FORWARD, OBJECT_NAMES, TASKS, TURN_LEFT, RoomConfig, Task
-from vhs.envs.kinematics import (
-    HEADING_RAD,
+from vhs.envs.config import (
+    FIRST_INTERACTION,
     HEADINGS,
-    Footprint,
-    Pose,
-    nearest_in_reach,
-    strided,
-    turned,
+    OBJECT_NAMES,
+    TASKS,
+    RoomConfig,
+    Task,
 )
+from vhs.envs.kinematics import Pose
 from vhs.envs.placement import sample_layout
 from vhs.envs.rendering import check_renderer, first_person_source, onlooker_source
 from vhs.envs.rewards import Outcome, compute_reward
-from vhs.envs.robot import ARM_FOLDED_RAD, BASE_JOINTS
 from vhs.envs.scene import ONLOOKER_PX, ObjectPose, load_room
+from vhs.envs.world import World
 
 Observation = dict[str, Any]
 """`image` uint8 [84, 84, 3], `goal` and `interaction` numpy int64 scalars."""
@@ -48,16 +45,10 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
     """Find the instructed object in a room and, in Tasks 2 and 3, use the instructed interaction on it.
 
     Actions: 0 MoveForward, 1 TurnLeft, 2 TurnRight, then the task's interactions.
-
-    Args:
-        task: one of `TASKS`, or its name.
-        config: the room's numbers; the defaults are those of the three tasks.
-        render_mode: "rgb_array" for `render`'s third-person view, or None.
-        renderer: what draws observations, a key of `vhs.envs.rendering.RENDERERS`.
-        objects_dir: folder with meshes of your own; see `vhs.envs.objects`.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array"], "render_fps": 4}
+    # A plain class attribute, not a ClassVar, because gymnasium declares it so.
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 4}  # noqa: RUF012
 
     def __init__(
         self,
@@ -68,6 +59,15 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         renderer: str = "mujoco",
         objects_dir: str | Path | None = None,
     ) -> None:
+        """Load the room; nothing is drawn before the first reset.
+
+        Args:
+            task: one of `TASKS`, or its name.
+            config: the room's numbers; the defaults are those of the three tasks.
+            render_mode: "rgb_array" for `render`'s third-person view, or None.
+            renderer: what draws observations, a key of `vhs.envs.rendering.RENDERERS`.
+            objects_dir: folder with meshes of your own; see `vhs.envs.objects`.
+        """
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode: expected 'rgb_array' or None, found {render_mode!r}")
         check_renderer(renderer)
@@ -75,7 +75,7 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         self.config = RoomConfig() if config is None else config
         self.render_mode = render_mode
         size_px = self.config.image_px
-        # Task 1 has no interactions; its instruction keeps the key, always 0, so that one agent fits all tasks.
+        # Task 1 has no interactions; its instruction keeps the key, always 0: one agent fits all tasks.
         self._num_interactions = max(1, self.task.interactions)
         self.observation_space = gymnasium.spaces.Dict(
             {
@@ -87,19 +87,13 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         self.action_space = gymnasium.spaces.Discrete(self.task.num_actions)
         self._renderer_name = renderer
         self._room = load_room(self.config, None if objects_dir is None else Path(objects_dir))
-        self._data = mujoco.MjData(self._room.model)
-        self._physics_steps = self.config.physics_steps_per_action
+        self.world = World(self._room, self.config)
+        """True state, for oracle, evaluation and tests; a learner must not read it."""
         self._goal = self._interaction = 0
-        self._poses: tuple[ObjectPose, ...] = ()
-        self._footprints: tuple[Footprint, ...] = ()
-        self._centres: tuple[tuple[float, float], ...] = ()
-        # Commanded pose; the yaw's whole turns are kept apart so that the servo never unwinds.
-        self._pose = self._start_pose = Pose(0.0, 0.0, 0)
-        self._whole_turns = 0
         self._steps = 0
         self._is_running = False
 
-    # -- gymnasium ---------------------------------------------------------------------------------------------------
+    # -- gymnasium -----------------------------------------------------------------------------------------
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -116,30 +110,30 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         instruction = self._check_options(options)
         super().reset(seed=seed)
         # All draws are made whatever the options say, so that fixing the goal does not change the room.
-        self._poses, self._footprints = sample_layout(self._room, self.config, self.np_random)
+        poses = sample_layout(self._room, self.config, self.np_random)
         heading, goal, interaction = self.np_random.integers(
             (HEADINGS, len(OBJECT_NAMES), self._num_interactions)
         ).tolist()
         self._goal = instruction.get("goal", goal)
         self._interaction = instruction.get("interaction", interaction)
-        self._centres = tuple((pose.x_m, pose.y_m) for pose in self._poses)
-        self._start_physics(Pose(0.0, 0.0, heading))
-        self._steps = 0
-        self._is_running = True
+        self.arrange(Pose(0.0, 0.0, heading), poses)
         return self._observe(), {}
 
     def step(self, action: np.int64 | int) -> tuple[Observation, SupportsFloat, bool, bool, dict[str, Any]]:
         """Carry one action out.
 
         Returns:
-            Observation, reward, terminated (success or failure), truncated (timeout), and info: empty while the
-            episode runs, else `outcome`, `reached_object` and `reached_interaction` (-1 where there is none).
+            Observation, reward, terminated (success or failure), truncated (timeout), and info: empty
+            while the episode runs, else `outcome`, `reached_object` and `reached_interaction` (-1 where
+            there is none).
         """
         chosen = self._check_action(action)
         interaction = chosen - FIRST_INTERACTION if chosen >= FIRST_INTERACTION else _NOTHING
-        self._move(chosen)
+        self.world.move(chosen)
         self._steps += 1
-        reached = self.object_in_reach() if interaction >= 0 or self.task.interactions == 0 else _NOTHING
+        reached = (
+            self.world.object_in_reach() if interaction >= 0 or self.task.interactions == 0 else _NOTHING
+        )
         outcome = self._outcome(reached, interaction)
         info: dict[str, Any] = {}
         if outcome is not None:
@@ -153,15 +147,15 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         is_timeout = outcome is Outcome.TIMEOUT
         return self._observe(), reward, outcome is not None and not is_timeout, is_timeout, info
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """Third-person view of the room, uint8 [480, 480, 3]; None without a render mode."""
         if self.render_mode is None:
             return None
         picture = np.empty((ONLOOKER_PX, ONLOOKER_PX, 3), np.uint8)
-        onlooker_source(self._room.model, ONLOOKER_PX).render(self._data, picture)
+        onlooker_source(self._room.model, ONLOOKER_PX).render(self.world.data, picture)
         return picture
 
-    # -- true state, for oracle, evaluation and tests ----------------------------------------------------------------
+    # -- true state, for oracle, evaluation and tests ------------------------------------------------------
 
     @property
     def goal(self) -> int:
@@ -178,74 +172,18 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         """Steps taken since the reset."""
         return self._steps
 
-    @property
-    def commanded_pose(self) -> Pose:
-        """Pose on the lattice that the servos hold."""
-        return self._pose
+    def arrange(self, start: Pose, poses: Sequence[ObjectPose]) -> None:
+        """Start an episode from a state of your own, at rest; the instruction stays as it is.
 
-    @property
-    def start_pose(self) -> Pose:
-        """Commanded pose at the episode's start."""
-        return self._start_pose
+        Args:
+            start: the robot's commanded pose.
+            poses: one pose per object, in order of the class labels; nothing checks that they are fair.
+        """
+        self.world.arrange(start, poses)
+        self._steps = 0
+        self._is_running = True
 
-    @property
-    def measured_pose(self) -> tuple[float, float, float]:
-        """X and y in metres and yaw in radians, from the simulation."""
-        x_m, y_m, yaw_rad = self._data.qpos[: len(BASE_JOINTS)].tolist()
-        return x_m, y_m, yaw_rad
-
-    @property
-    def object_poses(self) -> tuple[ObjectPose, ...]:
-        """Poses of the objects, in order of their class labels."""
-        return self._poses
-
-    @property
-    def footprints(self) -> tuple[Footprint, ...]:
-        """Outlines of the objects on the floor, in order of their class labels."""
-        return self._footprints
-
-    @property
-    def data(self) -> mujoco.MjData:
-        """The simulation's state."""
-        return self._data
-
-    @property
-    def model(self) -> mujoco.MjModel:
-        """The compiled room, shared with other environments: read only."""
-        return self._room.model
-
-    def object_in_reach(self) -> int:
-        """Class label of the nearest object in reach of the measured pose; -1 if there is none."""
-        x_m, y_m, yaw_rad = self.measured_pose
-        return nearest_in_reach(x_m, y_m, math.cos(yaw_rad), math.sin(yaw_rad), self._centres, self.config)
-
-    # -- parts of a step ---------------------------------------------------------------------------------------------
-
-    def _start_physics(self, pose: Pose) -> None:
-        """Put robot and objects in place, at rest."""
-        data = self._data
-        mujoco.mj_resetData(self._room.model, data)
-        self._pose = self._start_pose = pose
-        self._whole_turns = 0
-        data.qpos[:3] = data.ctrl[:3] = (pose.x_m, pose.y_m, pose.heading * HEADING_RAD)
-        data.qpos[3:9] = data.ctrl[3:9] = ARM_FOLDED_RAD
-        for label, object_pose in enumerate(self._poses):
-            self._room.place(data, label, object_pose)
-        mujoco.mj_forward(self._room.model, data)
-
-    def _move(self, action: int) -> None:
-        """Command the pose that the action leads to and let the dynamics follow for one control period."""
-        pose = self._pose
-        if action == MOVE_FORWARD:
-            self._pose = strided(pose, self._footprints, self.config)
-        elif action < FIRST_INTERACTION:
-            step = 1 if action == TURN_LEFT else -1
-            self._whole_turns += (pose.heading + step) // HEADINGS
-            self._pose = turned(pose, step)
-        data = self._data
-        yaw_rad = (self._pose.heading + HEADINGS * self._whole_turns) * HEADING_RAD
-        data.ctrl[:3] = (self._pose.x_m, self._pose.y_m, yaw_rad)
-        mujoco.mj_step(self._room.model, data, self._physics_steps)
+    # -- parts of a step -----------------------------------------------------------------------------------
 
     def _outcome(self, reached: int, interaction: int) -> Outcome | None:
         """Name how this step ended the episode; reaching on the last step is not a timeout."""
@@ -258,15 +196,12 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
 
     def _observe(self) -> Observation:
         """Draw the first-person view and repeat the instruction."""
-        # mj_step leaves poses of bodies and cameras one physics step behind the joints.
-        mujoco.mj_kinematics(self._room.model, self._data)
-        mujoco.mj_camlight(self._room.model, self._data)
         size_px = self.config.image_px
         image = np.empty((size_px, size_px, 3), np.uint8)
-        first_person_source(self._renderer_name, self._room.model, size_px).render(self._data, image)
+        first_person_source(self._renderer_name, self._room.model, size_px).render(self.world.data, image)
         return {"image": image, "goal": np.int64(self._goal), "interaction": np.int64(self._interaction)}
 
-    # -- checks ------------------------------------------------------------------------------------------------------
+    # -- checks --------------------------------------------------------------------------------------------
 
     def _check_action(self, action: np.int64 | int) -> int:
         """The action as an int, if the episode runs and the task has it."""

@@ -1,10 +1,11 @@
 """The room as one MuJoCo model, and where things are in it.
 
-Owns the MJCF of floor, walls, lights and objects, and `RoomModel`: the compiled model with the indices that the
-environment needs. Models are cached by (config, objects), so that all environments of a process share one.
+Owns the MJCF of floor, walls, lights and objects, and `RoomModel`: the compiled model with the indices that
+the environment needs. Models are cached by (config, objects), so that all environments of a process share
+one.
 
-Invariants: objects are mocap bodies, so placing them writes poses and never recompiles; the only pairs that can
-collide are the bumper with a wall and the bumper with an object's box.
+Invariants: objects are mocap bodies, so placing them writes poses and never recompiles; the only pairs that
+can collide are the bumper with a wall and the bumper with an object's box.
 """
 
 from __future__ import annotations
@@ -124,18 +125,22 @@ def room_xml(config: RoomConfig, assets: tuple[ObjectAsset, ...]) -> str:
       <geom contype="0" conaffinity="0" group="4" mass="0"/>
     </default>
     <default class="link">
-      <geom contype="0" conaffinity="0" group="4"/>
+      <geom contype="0" conaffinity="0" group="4" material="robot_metal"/>
+    </default>
+    <default class="cap">
+      <geom type="cylinder" euler="90 0 0" contype="0" conaffinity="0" group="4" material="robot_blue"/>
     </default>
     <default class="arm">
       <joint type="hinge" armature="0.5"/>
     </default>
   </default>
   <asset>
-    <texture name="backdrop" type="skybox" builtin="gradient" rgb1="0.93 0.94 0.96" rgb2="0.7 0.74 0.8" width="32" height="192"/>{meshes}{textures}{MATERIALS}
+    <texture name="backdrop" type="skybox" builtin="gradient" rgb1="0.93 0.94 0.96" rgb2="0.7 0.74 0.8"
+      width="32" height="192"/>{meshes}{textures}{MATERIALS}
   </asset>
   <worldbody>
     <light type="directional" pos="0 0 4" dir="0.35 0.25 -0.9" diffuse="0.45 0.45 0.45" specular="0 0 0"/>
-    <camera name="{ONLOOKER}" pos="-2.6 -3.3 3.5" xyaxes="{_look_at((-2.6, -3.3, 3.5), (0.0, -0.02, 0.12))}" fovy="46"/>
+    {_onlooker_xml(config)}
     {_walls_xml(config)}{bodies}{robot_body_xml(config)}
   </worldbody>
   <actuator>{actuators_xml()}
@@ -144,18 +149,28 @@ def room_xml(config: RoomConfig, assets: tuple[ObjectAsset, ...]) -> str:
 """
 
 
+def _onlooker_xml(config: RoomConfig) -> str:
+    """The third-person camera: looks over the two near walls, from as far away as the room is large."""
+    eye = tuple(config.half_side_m * factor for factor in (-1.73, -2.2, 2.33))
+    forward = np.subtract((0.0, -0.02, 0.12), eye)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    axes = " ".join(f"{value:.6g}" for value in (*right, *np.cross(right, forward)))
+    return f'<camera name="{ONLOOKER}" pos="{eye[0]} {eye[1]} {eye[2]}" xyaxes="{axes}" fovy="46"/>'
+
+
 def _object_xml(asset: ObjectAsset, scale: float) -> str:
     """One object: what is seen, and the box that the bumper meets."""
     half = " ".join(f"{scale * extent:.6g}" for extent in asset.half_extents_m)
     return f"""
     <body name="{asset.name}" mocap="true">
       <geom type="mesh" mesh="{asset.name}" material="{asset.name}" contype="0" conaffinity="0" mass="0"/>
-      <geom name="{asset.name}_box" type="box" size="{half}" contype="0" conaffinity="1" group="{COLLISION_GROUP}"/>
+      <geom name="{asset.name}_box" type="box" size="{half}" contype="0" conaffinity="1"
+        group="{COLLISION_GROUP}"/>
     </body>"""
 
 
 def _walls_xml(config: RoomConfig) -> str:
-    """Floor and four planes that face inwards; a plane stops what has tunnelled through it, a box would not."""
+    """Floor and four planes that face inwards: a plane also stops what has got behind it, a box would not."""
     half, height = config.half_side_m, config.wall_height_m / 2
     # Plane axes: x along the wall to the right as seen from inside, y up, normal into the room.
     walls = {
@@ -165,13 +180,13 @@ def _walls_xml(config: RoomConfig) -> str:
         "wall_left": (f"{-half} 0 {height}", "0 1 0 0 0 1", NEAR_WALL_GROUP),
     }
     planes = "".join(
-        f'\n    <geom name="{name}" type="plane" pos="{pos}" xyaxes="{axes}" size="{half} {height} 1" group="{group}" '
-        f'material="{name}" contype="0" conaffinity="1"/>'
+        f'\n    <geom name="{name}" type="plane" pos="{pos}" xyaxes="{axes}" size="{half} {height} 1" '
+        f'group="{group}" material="{name}" contype="0" conaffinity="1"/>'
         for name, (pos, axes, group) in walls.items()
     )
     return (
-        f'<geom name="floor" type="plane" size="{half} {half} 1" material="floor" contype="0" conaffinity="0"/>'
-        + planes
+        f'<geom name="floor" type="plane" size="{half} {half} 1" material="floor" contype="0" '
+        f'conaffinity="0"/>' + planes
     )
 
 
@@ -184,10 +199,3 @@ def _pictures() -> dict[str, np.ndarray[tuple[int, ...], np.dtype[np.uint8]]]:
         "wall_behind": planks((110, 112, 118), (150, 152, 158), seed=4, planks_a_side=6, upright=True),
         "wall_left": planks((150, 134, 148), (132, 116, 132), seed=5, planks_a_side=5, upright=False),
     }
-
-
-def _look_at(eye: tuple[float, float, float], target: tuple[float, float, float]) -> str:
-    """MJCF `xyaxes` of a camera at `eye` that looks at `target`, upright."""
-    forward = np.subtract(target, eye)
-    right = np.cross(forward, (0.0, 0.0, 1.0))
-    return " ".join(f"{value:.6g}" for value in (*right, *np.cross(right, forward)))

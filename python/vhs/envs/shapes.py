@@ -1,8 +1,8 @@
 """Meshes made in code: turned bottles and gabled cartons.
 
-Owns `Mesh` and its two makers. A mesh is centred on its bounding box, stands along z, and shows its front to -x, so
-that laying it on its back (z to x) turns the front up. Texture coordinates: u runs once around, v from bottom (0)
-to top (1).
+Owns `Mesh` and its two makers. A mesh is centred on its bounding box, stands along z, and shows its front to
+-x, so that laying it on its back (z to x) turns the front up. Texture coordinates: u runs once around, v from
+bottom (0) to top (1).
 """
 
 from __future__ import annotations

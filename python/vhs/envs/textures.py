@@ -1,10 +1,10 @@
 """Procedural textures and a PNG writer, so that the room needs no asset files.
 
-Owns the pictures on objects, floor and walls. Pictures are uint8 [H, W, 3], row 0 at the top; the same call always
-gives the same bytes.
+Owns the pictures on objects, floor and walls. Pictures are uint8 [H, W, 3], row 0 at the top; the same call
+always gives the same bytes.
 
-Colour rule: objects are saturated (or white), floor and walls are muted and of middle brightness, so that nothing of
-the room can be taken for an object even where an object covers only a few pixels.
+Colour rule: objects are saturated (or white), floor and walls are muted and of middle brightness, so that
+nothing of the room can be taken for an object even where an object covers only a few pixels.
 """
 
 from __future__ import annotations
