@@ -93,12 +93,21 @@ def test_a_damaged_checkpoint_is_an_error_that_names_it(victim: str, damage: str
         train(debug_config("train.episodes=8"), run, StringIO())
 
 
-def test_a_room_key_that_does_not_exist_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(
+    ("assignment", "message"),
+    [
+        ("env.room.strid_m=0.4", "unknown key `env.room.strid_m`; did you mean `env.room.stride_m`?"),
+        ("env.room.stride_m=-1", "env.room.stride_m: expected a positive number, found -1"),
+        ("env.renderer=mujoko", "env.renderer: expected one of "),
+        ("train.device=gpu", "train.device: 'gpu' cannot be used"),
+    ],
+)
+def test_what_cannot_run_is_refused_before_anything_is_written(
+    assignment: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = ["train", "--config", str(CONFIGS / "debug.yaml"), "--out", str(tmp_path / "run")]
-    assert main([*arguments, "--set", "env.room.strid_m=0.4"]) == 1
-    assert "did you mean `env.room.stride_m`?" in capsys.readouterr().err
+    assert main([*arguments, "--set", assignment]) == 1
+    assert message in capsys.readouterr().err
     assert not (tmp_path / "run").exists()
 
 
@@ -110,7 +119,7 @@ def test_a_signal_saves_and_the_same_command_resumes(kind: signal.Signals, tmp_p
         "--config",
         str(CONFIGS / "debug.yaml"),
         "--set",
-        "train.episodes=400",
+        "train.episodes=160",
         "--out",
         str(run),
     ]
@@ -130,7 +139,7 @@ def test_a_signal_saves_and_the_same_command_resumes(kind: signal.Signals, tmp_p
     saved = sorted((run / "checkpoints").iterdir())
     assert len(saved) >= 1
     assert main(arguments) == 0
-    assert [row["episodes"] for row in read_log(run)][-1] == 400
+    assert [row["episodes"] for row in read_log(run)][-1] == 160
 
 
 def test_eval_prints_rates_and_spl(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

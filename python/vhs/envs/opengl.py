@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
+from importlib import import_module
 
 
 def choose_defaults() -> None:
@@ -18,6 +20,16 @@ def choose_defaults() -> None:
         os.environ.setdefault("MUJOCO_GL", "egl")
     # 0 worker threads: at 84x84 pixels handing tiles to other threads costs more than drawing them.
     os.environ.setdefault("LP_NUM_THREADS", "0")
+
+
+def load_triton_first() -> None:
+    """Load torch's compiler library, where it is installed, before the first GL context.
+
+    Mesa's software renderer and triton, which torch loads with its first optimiser, each bring an LLVM of their own.
+    A triton that is loaded after Mesa has drawn crashes the process; the other order is safe.
+    """
+    with suppress(ImportError):
+        import_module("triton._C.libtriton")
 
 
 choose_defaults()

@@ -20,6 +20,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from vhs.envs.opengl import load_triton_first
 from vhs.envs.robot import CAMERA, COLLISION_GROUP, ROBOT_GROUP
 from vhs.envs.scene import NEAR_WALL_GROUP, ONLOOKER
 
@@ -62,6 +63,7 @@ class MujocoImageSource:
             model = copy.copy(model)
             model.vis.quality.offsamples = 4
         try:
+            load_triton_first()
             self._renderer = mujoco.Renderer(model, height, width)
         except Exception as error:  # MuJoCo and its GL bindings raise what their platform happens to raise.
             raise NoOpenGLError(_no_opengl_text(error)) from error

@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from vhs import Outcome
 from vhs.config import Config
 from vhs.envs import optimal_steps
 from vhs.train.actor import Actor
-from vhs.train.build import check_device, make_buffer, make_envs, make_learner
+from vhs.train.build import check_runnable, make_buffer, make_envs, make_learner
 from vhs.train.checkpoint import load_checkpoint
 from vhs.train.directory import read_config
 from vhs.train.log import summarise
@@ -61,25 +62,32 @@ def evaluate(run: Path, *, episodes: int = 300, seed: int = 0, greedy: bool = Fa
         CheckpointError: the run is missing or damaged.
     """
     config = read_config(run)
-    check_device(config)
+    check_runnable(config)
     state, goal_store = load_checkpoint(run)
     torch.set_num_threads(config.train.threads)
     ended = _play(config, state, goal_store, episodes=episodes, seed=seed, greedy=greedy)
     optimal = _optimal(config, [episode.seed for episode in ended])
-    taken = np.array([episode.steps for episode in ended])
+    taken = np.array([episode.steps for episode in ended], dtype=np.float64)
     success = np.array([episode.outcome == Outcome.SUCCESS for episode in ended])
     rates = summarise(ended)
     return Evaluation(
         success=rates["success"],
         failure=rates["failure"],
         timeout=rates["timeout"],
-        spl=float((success * optimal / np.maximum(taken, optimal)).mean()),
+        spl=success_weighted_by_path_length(success, optimal, taken),
         steps=rates["steps"],
         optimal_steps=float(optimal.mean()),
         episodes=episodes,
         seed=seed,
         trained_episodes=int(state["progress"]["episodes"]),
     )
+
+
+def success_weighted_by_path_length(
+    success: NDArray[np.bool_], optimal: NDArray[np.float64], taken: NDArray[np.float64]
+) -> float:
+    """SPL: the mean of success times optimal / max(taken, optimal), each of shape [episodes]."""
+    return float((success * optimal / np.maximum(taken, optimal)).mean())
 
 
 def _play(
@@ -101,7 +109,7 @@ def _play(
     return ended
 
 
-def _optimal(config: Config, seeds: list[int]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def _optimal(config: Config, seeds: list[int]) -> NDArray[np.float64]:
     """Length of the oracle's plan for each seed."""
     env = make_envs(config, 1)[0]
     lengths = []

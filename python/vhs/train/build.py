@@ -13,6 +13,7 @@ from vhs import EpisodeBuffer, GoalStore, Prototypes, Rng
 from vhs.algorithms import VHS
 from vhs.config import Config, unknown_key
 from vhs.envs import TASKS, RoomConfig, Task
+from vhs.envs.rendering import check_renderer
 from vhs.errors import ConfigError
 from vhs.models import FeatureExtractor, GoalAgent
 
@@ -109,12 +110,17 @@ def convolution_dtype(config: Config) -> torch.dtype:
     return torch.bfloat16 if precision == "bfloat16" else torch.float32
 
 
-def check_device(config: Config) -> None:
-    """Check that the configured device exists.
+def check_runnable(config: Config) -> None:
+    """Check what the schema cannot: the room, its renderer and the device.
 
     Raises:
-        ConfigError: it does not.
+        ConfigError: one of them cannot be had; nothing was made.
     """
+    room_config(config)
+    try:
+        check_renderer(config.env.renderer)
+    except ValueError as error:
+        raise ConfigError(f"env.{error}") from error
     try:
         torch.zeros((), device=config.train.device)
     except (RuntimeError, AssertionError) as error:

@@ -13,7 +13,7 @@ import torch
 
 from vhs.config import Config
 from vhs.train.actor import Actor
-from vhs.train.build import check_device, make_buffer, make_envs, make_learner
+from vhs.train.build import check_runnable, make_buffer, make_envs, make_learner
 from vhs.train.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
 from vhs.train.directory import open_run
 from vhs.train.interrupt import stop_on_signal
@@ -48,7 +48,7 @@ def train(config: Config, run: Path, stream: TextIO | None = None) -> bool:
         CheckpointError: the directory holds another configuration's run or a damaged checkpoint.
         DivergenceError: the loss became infinite or NaN; the last checkpoint is untouched.
     """
-    check_device(config)
+    check_runnable(config)
     open_run(config, run)
     torch.set_num_threads(config.train.threads)
     session = _Session(config, run)

@@ -1,0 +1,30 @@
+"""SPL by hand, and the evaluation of an agent that cannot be evaluated."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vhs.errors import CheckpointError
+from vhs.eval import evaluate
+from vhs.eval.evaluate import success_weighted_by_path_length
+
+
+def test_spl_by_hand() -> None:
+    success = np.array([True, True, False, True])
+    optimal = np.array([4.0, 3.0, 5.0, 6.0])
+    taken = np.array([8.0, 3.0, 5.0, 4.0])
+    # 4/8 + 1 + 0 + at most 1, over 4 episodes
+    assert success_weighted_by_path_length(success, optimal, taken) == pytest.approx(2.5 / 4)
+
+
+def test_a_run_without_a_checkpoint_is_a_clear_error(tmp_path: Path) -> None:
+    (tmp_path / "config.yaml").write_text("task: task2\n")
+    with pytest.raises(CheckpointError, match="expected a checkpoint in .*checkpoints, found none"):
+        evaluate(tmp_path)
+
+
+def test_a_run_with_a_damaged_configuration_is_a_clear_error(tmp_path: Path) -> None:
+    (tmp_path / "config.yaml").write_text("task: task9\n")
+    with pytest.raises(CheckpointError, match=r"config.yaml: damaged configuration: task: expected"):
+        evaluate(tmp_path)
