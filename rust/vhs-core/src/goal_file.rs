@@ -125,17 +125,15 @@ impl Header {
             .try_fold(0_usize, |sum, ring| sum.checked_add(ring.0));
         let sizes = count.map(|count| [self.shape.as_slice(), &[count]].concat());
         let images = sizes.and_then(|sizes| product("images", &sizes).ok());
-        match images.and_then(|images| images.checked_add(images_start + 8)) {
-            Some(expected) => reader.expect(
-                "length in bytes",
-                &expected.to_string(),
-                &reader.length.to_string(),
-            ),
-            None => {
-                let found = format!("images of {:?}", self.shape);
-                Err(reader.damaged("sizes", "a product that fits memory", &found))
-            }
-        }
+        let Some(expected) = images.and_then(|images| images.checked_add(images_start + 8)) else {
+            let found = format!("images of {:?}", self.shape);
+            return Err(reader.damaged("sizes", "a product that fits memory", &found));
+        };
+        reader.expect(
+            "length in bytes",
+            &expected.to_string(),
+            &reader.length.to_string(),
+        )
     }
 }
 

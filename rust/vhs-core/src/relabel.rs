@@ -30,12 +30,15 @@ pub struct EpisodeEnd {
 /// use vhs_core::relabel::{EpisodeEnd, Rule};
 /// use vhs_core::rng::Rng;
 /// let rule = Rule::new([Outcome::Failure].into_iter().collect(), 1.0, 3)?;
-/// let failure = EpisodeEnd { outcome: Outcome::Failure, interaction: 0, last_action: 5, final_row:
-/// 8 }; let timeout = EpisodeEnd { outcome: Outcome::Timeout, interaction: 0, last_action: 1,
-/// final_row: 20 }; let hindsight = rule.relabel(&[failure, timeout], &mut Rng::new(0));
-/// assert_eq!(hindsight.selected, [true, false]); assert_eq!(hindsight.goal_rows, [8, 20]);
-/// assert_eq!(hindsight.interactions, [2, 0]); // action 5 is interaction 2; the timeout keeps its
-/// own
+/// let end = |outcome, last_action, final_row| {
+///     EpisodeEnd { outcome, interaction: 0, last_action, final_row }
+/// };
+/// let episodes = [end(Outcome::Failure, 5, 8), end(Outcome::Timeout, 1, 20)];
+/// let hindsight = rule.relabel(&episodes, &mut Rng::new(0));
+/// assert_eq!(hindsight.selected, [true, false]);
+/// assert_eq!(hindsight.goal_rows, [8, 20]);
+/// // Action 5 does interaction 2; the timeout keeps what it was told.
+/// assert_eq!(hindsight.interactions, [2, 0]);
 /// # Ok::<(), vhs_core::error::Error>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
