@@ -1,7 +1,7 @@
 """Hindsight goals for reinforcement learning from images.
 
-This module is the storage and relabelling library: it needs numpy alone. The environments (`vhs.envs`) and the
-training code are imported on their own.
+This module is the storage and relabelling library: it needs numpy alone. The environments (`vhs.envs`) and
+the training code are imported on their own.
 """
 
 from vhs._core import (

@@ -1,7 +1,7 @@
 //! Batches of whole episodes, ready for a learner: packed observations, padded steps and a mask.
 //!
-//! Observations are packed, episode by episode `o_0 ..= o_T`, because padding images would waste memory and time; the
-//! small per-step arrays are padded with zeros to the longest episode.
+//! Observations are packed, episode by episode `o_0 ..= o_T`, because padding images would waste
+//! memory and time; the small per-step arrays are padded with zeros to the longest episode.
 
 use crate::episodes::{Episode, EpisodeBuffer};
 use crate::error::{self, Error, Result, check_range, check_shape};
@@ -100,7 +100,8 @@ impl EpisodeBuffer {
     /// Copies the episodes into a new batch. An id may come more than once.
     ///
     /// # Errors
-    /// [`Error::Evicted`], [`Error::UnknownEpisode`], [`Error::Argument`] for no id, [`Error::Memory`].
+    /// [`Error::Evicted`], [`Error::UnknownEpisode`], [`Error::Argument`] for no id,
+    /// [`Error::Memory`].
     pub fn gather(&self, ids: &[i64]) -> Result<Batch> {
         let (episodes, index) = self.index(ids)?;
         let bytes = error::product("ids", &[index.rows, self.observation_bytes()])?;
@@ -116,7 +117,8 @@ impl EpisodeBuffer {
     /// As [`EpisodeBuffer::gather`], with the observations written over the beginning of `out`.
     ///
     /// # Errors
-    /// As [`EpisodeBuffer::gather`], and [`Error::Shape`] where `out` has fewer bytes than the batch needs.
+    /// As [`EpisodeBuffer::gather`], and [`Error::Shape`] where `out` has fewer bytes than the
+    /// batch needs.
     pub fn gather_into(&self, ids: &[i64], out: &mut [u8]) -> Result<BatchIndex> {
         let (episodes, index) = self.index(ids)?;
         let row_bytes = self.observation_bytes();
@@ -135,7 +137,8 @@ impl EpisodeBuffer {
     /// Draws ids of `n` finished episodes, uniformly and with replacement.
     ///
     /// # Errors
-    /// [`Error::Empty`] where no finished episode is stored, [`Error::Argument`] for `n = 0`, [`Error::Memory`].
+    /// [`Error::Empty`] where no finished episode is stored, [`Error::Argument`] for `n = 0`,
+    /// [`Error::Memory`].
     pub fn draw_ids(&mut self, n: usize) -> Result<Vec<i64>> {
         check_range("n", n, 1, usize::MAX)?;
         if self.is_empty() {
@@ -150,9 +153,11 @@ impl EpisodeBuffer {
         Ok(ids)
     }
 
-    /// Draws `n` finished episodes, uniformly and with replacement, and relabels them where a rule is given.
+    /// Draws `n` finished episodes, uniformly and with replacement, and relabels them where a rule
+    /// is given.
     ///
-    /// The draws come from the buffer's own generator: first the episodes, then one draw an episode for the rule.
+    /// The draws come from the buffer's own generator: first the episodes, then one draw an episode
+    /// for the rule.
     ///
     /// # Errors
     /// As [`EpisodeBuffer::draw_ids`] and [`EpisodeBuffer::gather`].
@@ -179,7 +184,8 @@ impl EpisodeBuffer {
     /// As [`EpisodeBuffer::observe`], into memory of the caller.
     ///
     /// # Errors
-    /// As [`EpisodeBuffer::observe`], and [`Error::Shape`] where `out` is not as long as the observations.
+    /// As [`EpisodeBuffer::observe`], and [`Error::Shape`] where `out` is not as long as the
+    /// observations.
     pub fn observe_into(&self, streams: &[i64], out: &mut [u8]) -> Result<()> {
         let episodes = self.observed(streams)?;
         let bytes = error::product("streams", &[episodes.len(), self.observation_bytes()])?;

@@ -1,7 +1,8 @@
-//! XXH64 (Collet, "xxHash fast digest algorithm", specification 0.1.1): a checksum at the speed of memory.
+//! XXH64 (Collet, "xxHash fast digest algorithm", specification 0.1.1): a checksum at the speed of
+//! memory.
 //!
-//! It finds damage, not forgery: a file that was altered on purpose can carry a matching checksum, which is why
-//! `persist` also checks every number it reads.
+//! It finds damage, not forgery: a file that was altered on purpose can carry a matching checksum,
+//! which is why `persist` also checks every number it reads.
 
 const P1: u64 = 0x9E37_79B1_85EB_CA87;
 const P2: u64 = 0xC2B2_AE3D_27D4_EB4F;
@@ -52,7 +53,9 @@ impl Checksum {
             self.take(&stripe);
         }
         let (stripes, rest) = bytes.as_chunks::<STRIPE>();
-        stripes.iter().for_each(|stripe| self.take(stripe));
+        for stripe in stripes {
+            self.take(stripe);
+        }
         self.tail[..rest.len()].copy_from_slice(rest);
     }
 
@@ -85,6 +88,10 @@ impl Checksum {
     }
 
     /// Bytes that wait in `tail`, in 0..STRIPE.
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "below STRIPE after the remainder"
+    )]
     const fn held(&self) -> usize {
         (self.total % STRIPE as u64) as usize
     }

@@ -1,160 +1,23 @@
-//! Episodes of many environments at once, each frame stored once although observations stack several.
+//! Episodes of many environments at once, each frame stored once although observations stack
+//! several.
 //!
-//! A stream (one environment) goes Idle -> `begin` -> Open -> `append`* -> `finish` or `abort` -> Idle. An episode of T
-//! steps has frames 0..=T; observation t stacks frames t - k + 1 ..= t, and repeats frame 0 where that would reach before
-//! the episode (paper, section 4.1: two stacked frames), so no observation ever crosses an episode border.
+//! A stream (one environment) goes Idle -> `begin` -> Open -> `append`* -> `finish` or `abort` ->
+//! Idle. An episode of T steps has frames 0..=T; observation t stacks frames t - k + 1 ..= t, and
+//! repeats frame 0 where that would reach before the episode (paper, section 4.1: two stacked
+//! frames), so no observation ever crosses an episode border.
 //!
-//! Invariants: a frame belongs to exactly one episode; finished episodes have consecutive ids, given in the order of
-//! `finish`, and leave oldest first when room is needed; open episodes are never evicted; stored bytes never change.
+//! Invariants: a frame belongs to exactly one episode; finished episodes have consecutive ids,
+//! given in the order of `finish`, and leave oldest first when room is needed; open episodes are
+//! never evicted; stored bytes never change.
 
 use std::collections::VecDeque;
 
-use crate::error::{self, Error, Result, check_finite, check_labels, check_range, check_shape};
-use crate::goals::{class_of, image_bytes};
+pub use crate::episode::{Episode, EpisodeConfig, Steps};
+use crate::error::{self, Error, Result, check_finite, check_labels, check_shape};
+use crate::goals::class_of;
 use crate::outcome::Outcome;
 use crate::rng::Rng;
 use crate::slab::Slab;
-
-/// The most streams, goals, interactions, stacked frames or steps of an episode.
-const MAX_COUNT: usize = 1 << 20;
-
-/// What an [`EpisodeBuffer`] is built from.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct EpisodeConfig {
-    /// Shape of one frame, uint8.
-    pub frame_shape: Vec<usize>,
-    /// Environments that feed the buffer at the same time.
-    pub num_streams: usize,
-    /// Steps after which no more can be appended to an episode.
-    pub max_episode_steps: usize,
-    /// Steps kept over all episodes; at least `num_streams * max_episode_steps`, for open episodes are never evicted.
-    pub capacity_steps: usize,
-    /// Frames in one observation.
-    pub frame_stack: usize,
-    /// Goal classes.
-    pub num_goals: usize,
-    /// Interactions; 0 where the task has none, and interaction 0 stands for none.
-    pub num_interactions: usize,
-    /// The action that does interaction 0; the actions below it are moves, those from it on the interactions.
-    pub first_interaction_action: usize,
-    /// Seed of [`EpisodeBuffer::sample`] and of the relabelling done with it.
-    pub seed: u64,
-}
-
-impl EpisodeConfig {
-    fn check(&self) -> Result<()> {
-        image_bytes("frame_shape", &self.frame_shape)?;
-        check_range("num_streams", self.num_streams, 1, MAX_COUNT)?;
-        check_range("max_episode_steps", self.max_episode_steps, 1, MAX_COUNT)?;
-        check_range("frame_stack", self.frame_stack, 1, MAX_COUNT)?;
-        check_range("num_goals", self.num_goals, 1, MAX_COUNT)?;
-        check_range("num_interactions", self.num_interactions, 0, MAX_COUNT)?;
-        check_range(
-            "first_interaction_action",
-            self.first_interaction_action,
-            0,
-            MAX_COUNT,
-        )?;
-        check_range("actions", self.num_actions(), 1, 2 * MAX_COUNT)?;
-        // Two frames a step at most: the shortest episode has one step and two frames.
-        error::product(
-            "capacity_steps",
-            &[self.capacity_steps, 2, self.frame_bytes(), self.frame_stack],
-        )?;
-        check_range(
-            "capacity_steps",
-            self.capacity_steps,
-            self.num_streams * self.max_episode_steps,
-            usize::MAX,
-        )
-    }
-
-    /// Actions there are: moves and interactions.
-    #[must_use]
-    pub const fn num_actions(&self) -> usize {
-        self.first_interaction_action + self.num_interactions
-    }
-
-    fn frame_bytes(&self) -> usize {
-        self.frame_shape.iter().product()
-    }
-}
-
-/// One episode, open or finished.
-#[derive(Debug)]
-pub struct Episode {
-    goal: i64,
-    interaction: i64,
-    outcome: Outcome,
-    actions: Vec<i64>,
-    rewards: Vec<f32>,
-    values: Vec<f32>,
-    /// Slots of frames 0..=T in the slab.
-    frames: Vec<usize>,
-}
-
-#[expect(
-    clippy::len_without_is_empty,
-    reason = "a finished episode has at least one step"
-)]
-impl Episode {
-    /// Steps taken: T.
-    #[must_use]
-    pub const fn len(&self) -> usize {
-        self.actions.len()
-    }
-
-    /// The instructed goal class.
-    #[must_use]
-    pub const fn goal(&self) -> i64 {
-        self.goal
-    }
-
-    /// The instructed interaction.
-    #[must_use]
-    pub const fn interaction(&self) -> i64 {
-        self.interaction
-    }
-
-    /// How the episode ended.
-    #[must_use]
-    pub const fn outcome(&self) -> Outcome {
-        self.outcome
-    }
-
-    /// Actions `a_0 ..= a_(T-1)`; the last one led to the final observation.
-    #[must_use]
-    pub fn actions(&self) -> &[i64] {
-        &self.actions
-    }
-
-    /// Rewards of the actions.
-    #[must_use]
-    pub fn rewards(&self) -> &[f32] {
-        &self.rewards
-    }
-
-    /// The critic's value when each action was chosen.
-    #[must_use]
-    pub fn values(&self) -> &[f32] {
-        &self.values
-    }
-}
-
-/// One step of several streams, as parallel arrays of the same length.
-#[derive(Clone, Copy, Debug)]
-pub struct Steps<'a> {
-    /// Streams, each at most once.
-    pub streams: &'a [i64],
-    /// The action taken at the newest frame of each stream.
-    pub actions: &'a [i64],
-    /// The action's reward.
-    pub rewards: &'a [f32],
-    /// The critic's value when acting.
-    pub values: &'a [f32],
-    /// The next frames, one after the other.
-    pub frames: &'a [u8],
-}
 
 /// See the module documentation.
 ///
@@ -162,11 +25,12 @@ pub struct Steps<'a> {
 /// use vhs_core::episodes::{EpisodeBuffer, EpisodeConfig, Steps};
 /// use vhs_core::outcome::Outcome;
 /// let mut buffer = EpisodeBuffer::new(EpisodeConfig {
-///     frame_shape: vec![2], num_streams: 1, max_episode_steps: 20, capacity_steps: 100, frame_stack: 2,
-///     num_goals: 5, num_interactions: 1, first_interaction_action: 3, seed: 0,
+///     frame_shape: vec![2], num_streams: 1, max_episode_steps: 20, capacity_steps: 100,
+///     frame_stack: 2, num_goals: 5, num_interactions: 1, first_interaction_action: 3, seed: 0,
 /// })?;
 /// buffer.begin(0, &[10, 11], 4, 0)?;
-/// buffer.append(Steps { streams: &[0], actions: &[3], rewards: &[-1.0], values: &[0.5], frames: &[20, 21] })?;
+/// let (streams, actions, rewards, values) = (&[0], &[3], &[-1.0], &[0.5]);
+/// buffer.append(Steps { streams, actions, rewards, values, frames: &[20, 21] })?;
 /// let id = buffer.finish(0, Outcome::Failure)?;
 /// let batch = buffer.gather(&[id])?;
 /// assert_eq!(batch.observations, [10, 11, 10, 11, 10, 11, 20, 21]); // o_0 repeats frame 0
@@ -216,7 +80,8 @@ impl EpisodeBuffer {
     /// Opens an episode with its first frame, instructed goal class and interaction.
     ///
     /// # Errors
-    /// [`Error::Label`], [`Error::Shape`], [`Error::Protocol`] where an episode is open already, [`Error::Memory`].
+    /// [`Error::Label`], [`Error::Shape`], [`Error::Protocol`] where an episode is open already,
+    /// [`Error::Memory`].
     pub fn begin(&mut self, stream: i64, frame: &[u8], goal: i64, interaction: i64) -> Result<()> {
         let stream = self.stream(stream)?;
         check_shape("frame", &[self.config.frame_bytes()], &[frame.len()])?;
@@ -250,13 +115,18 @@ impl EpisodeBuffer {
         Ok(())
     }
 
-    /// Appends one step to each of several open episodes, evicting the oldest finished ones where room is needed.
+    /// Appends one step to each of several open episodes, evicting the oldest finished ones where
+    /// room is needed.
     ///
     /// # Errors
-    /// [`Error::Shape`], [`Error::Label`], [`Error::NonFinite`], [`Error::Protocol`] where a stream is idle,
-    /// [`Error::TooManySteps`], [`Error::Argument`] where a stream comes twice; then nothing is appended to any stream.
+    /// [`Error::Shape`], [`Error::Label`], [`Error::NonFinite`], [`Error::Protocol`] where a stream
+    /// is idle, [`Error::TooManySteps`], [`Error::Argument`] where a stream comes twice; then
+    /// nothing is appended to any stream.
     pub fn append(&mut self, steps: Steps<'_>) -> Result<()> {
         self.check_steps(&steps)?;
+        // Before anything changes: from here on every frame has a slot.
+        self.slab
+            .reserve(steps.streams.len().saturating_sub(self.free.len()))?;
         self.evict_for(steps.streams.len());
         for (row, frame) in steps
             .frames
@@ -276,10 +146,12 @@ impl EpisodeBuffer {
         Ok(())
     }
 
-    /// Closes the open episode of a stream and returns its id. Its newest frame becomes the final observation.
+    /// Closes the open episode of a stream and returns its id. Its newest frame becomes the final
+    /// observation.
     ///
     /// # Errors
-    /// [`Error::Label`], [`Error::Protocol`] where no episode is open or the open one has no step yet.
+    /// [`Error::Label`], [`Error::Protocol`] where no episode is open or the open one has no step
+    /// yet.
     pub fn finish(&mut self, stream: i64, outcome: Outcome) -> Result<i64> {
         let stream = self.stream(stream)?;
         if self.opened("finish", stream)?.actions.is_empty() {
@@ -405,7 +277,8 @@ impl EpisodeBuffer {
         t: usize,
     ) -> impl Iterator<Item = &'a [u8]> {
         let stack = self.config.frame_stack;
-        // Frame t - (stack - 1 - i), held at 0: before the first frame there is only the first frame.
+        // Frame t - (stack - 1 - i), held at 0: before the first frame there is only the first
+        // frame.
         (0..stack).map(move |i| {
             self.slab
                 .get(episode.frames[(t + i + 1).saturating_sub(stack)])

@@ -1,7 +1,8 @@
 //! Everything the core can refuse, in one enum.
 //!
-//! Invariant: a call that returns an error because of its input has changed nothing. Every message names what was
-//! expected and what was found. `vhs-py/src/error.rs` is the only place that maps variants to Python exceptions.
+//! Invariant: a call that returns an error because of its input has changed nothing. Every message
+//! names what was expected and what was found. `vhs-py/src/error.rs` is the only place that maps
+//! variants to Python exceptions.
 
 use std::io;
 use std::path::PathBuf;
@@ -189,7 +190,8 @@ pub(crate) fn check_labels(field: &'static str, labels: &[i64], limit: usize) ->
 
 /// Accepts finite numbers.
 pub(crate) fn check_finite(field: &'static str, numbers: &[f32]) -> Result<()> {
-    // One pass without an early exit: it vectorises, and the search for the culprit runs only after a hit.
+    // One pass without an early exit: it vectorises, and the search for the culprit runs only after
+    // a hit.
     if numbers
         .iter()
         .fold(true, |all, number| all & number.is_finite())

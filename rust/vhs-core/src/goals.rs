@@ -1,25 +1,19 @@
-//! The goal store `D_g` (paper, section 3.2): for each goal class a ring of final observations of successful episodes.
+//! The goal store `D_g` (paper, section 3.2): for each goal class a ring of final observations of
+//! successful episodes.
 //!
-//! Invariants: an image enters under the class that was *instructed*, never under that of a wrongly reached object
-//! (the agent does not know it); a full ring overwrites its oldest image; memory is allocated as the rings fill.
+//! Invariants: an image enters under the class that was *instructed*, never under that of a wrongly
+//! reached object (the agent does not know it); a full ring overwrites its oldest image; memory is
+//! allocated as the rings fill.
 
 use crate::episodes::EpisodeBuffer;
 use crate::error::{self, Error, Result, check_labels, check_range, check_shape};
 use crate::outcome::Outcome;
 use crate::rng::Rng;
-use crate::slab::{Slab, copy_parts};
+pub use crate::sampling::Balance;
+use crate::slab::Slab;
 
 /// The most classes a store or a prototype table can have; a sample walks over all of them.
 pub const MAX_CLASSES: usize = 1 << 20;
-
-/// How [`GoalStore::sample`] spreads its draws over the classes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Balance {
-    /// As equal as can be over the classes that hold an image, in random order.
-    Classes,
-    /// Uniform over all stored images.
-    Images,
-}
 
 /// Images of achieved goals by class; see the module documentation.
 ///
@@ -40,8 +34,8 @@ pub struct GoalStore {
     image_bytes: usize,
     /// Images a class holds at most, at least 1.
     capacity: usize,
-    rings: Vec<Ring>,
-    rng: Rng,
+    pub(crate) rings: Vec<Ring>,
+    pub(crate) rng: Rng,
 }
 
 /// The images of one class.
@@ -50,13 +44,6 @@ pub(crate) struct Ring {
     pub(crate) images: Slab,
     /// Where the next image goes, in 0..capacity; the oldest image once the ring is full.
     pub(crate) next: usize,
-}
-
-/// A drawn image.
-#[derive(Clone, Copy, Debug)]
-struct Pick {
-    class: usize,
-    slot: usize,
 }
 
 impl GoalStore {
@@ -92,7 +79,8 @@ impl GoalStore {
         })
     }
 
-    /// Stores a copy of `image` under `label`, over the oldest image of that class where it is full.
+    /// Stores a copy of `image` under `label`, over the oldest image of that class where it is
+    /// full.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Label`], or [`Error::Memory`]; the store is then unchanged.
@@ -102,13 +90,16 @@ impl GoalStore {
         self.put(class_of(label), std::iter::once(image))
     }
 
-    /// Stores the final observation of each *successful* episode among `ids` under its instructed goal.
+    /// Stores the final observation of each *successful* episode among `ids` under its instructed
+    /// goal.
     ///
-    /// Other episodes are skipped: what a failed episode reached is not known to the agent. Returns how many were stored.
+    /// Other episodes are skipped: what a failed episode reached is not known to the agent. Returns
+    /// how many were stored.
     ///
     /// # Errors
-    /// [`Error::Shape`] where an observation of the buffer is not an image of this store, [`Error::Label`] where a goal
-    /// is not a class, [`Error::Evicted`] or [`Error::UnknownEpisode`]; the store is then unchanged.
+    /// [`Error::Shape`] where an observation of the buffer is not an image of this store,
+    /// [`Error::Label`] where a goal is not a class, [`Error::Evicted`] or
+    /// [`Error::UnknownEpisode`]; the store is then unchanged.
     pub fn collect(&mut self, buffer: &EpisodeBuffer, ids: &[i64]) -> Result<usize> {
         check_shape(
             "buffer observations",
@@ -125,6 +116,7 @@ impl GoalStore {
             .collect();
         let goals: Vec<i64> = successes.iter().map(|episode| episode.goal()).collect();
         check_labels("goal", &goals, self.rings.len())?;
+        self.reserve(&goals)?;
         for (episode, &goal) in successes.iter().zip(&goals) {
             self.put(
                 class_of(goal),
@@ -132,57 +124,6 @@ impl GoalStore {
             )?;
         }
         Ok(successes.len())
-    }
-
-    /// Draws `n` images with replacement: their bytes one after the other, and their classes.
-    ///
-    /// # Errors
-    /// [`Error::Empty`] where the store is, [`Error::Argument`] for `n = 0`, [`Error::Memory`].
-    pub fn sample(&mut self, n: usize, balance: Balance) -> Result<(Vec<u8>, Vec<i64>)> {
-        let mut images = self.room_for(n)?;
-        let picks = self.draw(n, balance)?;
-        picks
-            .iter()
-            .for_each(|&pick| images.extend_from_slice(self.image(pick)));
-        Ok((
-            images,
-            picks.iter().map(|pick| label_of(pick.class)).collect(),
-        ))
-    }
-
-    /// As [`GoalStore::sample`], into memory of the caller: `n` images' bytes.
-    ///
-    /// # Errors
-    /// As [`GoalStore::sample`], and [`Error::Shape`] where `out` is not `n` images long.
-    pub fn sample_into(&mut self, n: usize, balance: Balance, out: &mut [u8]) -> Result<Vec<i64>> {
-        self.check_out(n, out)?;
-        let picks = self.draw(n, balance)?;
-        copy_parts(picks.iter().map(|&pick| self.image(pick)), out);
-        Ok(picks.iter().map(|pick| label_of(pick.class)).collect())
-    }
-
-    /// Draws `n` images of one class with replacement: their bytes one after the other.
-    ///
-    /// # Errors
-    /// [`Error::Label`], [`Error::Empty`] where the class is, [`Error::Argument`] for `n = 0`, [`Error::Memory`].
-    pub fn sample_class(&mut self, label: i64, n: usize) -> Result<Vec<u8>> {
-        let mut images = self.room_for(n)?;
-        let picks = self.draw_class(label, n)?;
-        picks
-            .iter()
-            .for_each(|&pick| images.extend_from_slice(self.image(pick)));
-        Ok(images)
-    }
-
-    /// As [`GoalStore::sample_class`], into memory of the caller: `n` images' bytes.
-    ///
-    /// # Errors
-    /// As [`GoalStore::sample_class`], and [`Error::Shape`] where `out` is not `n` images long.
-    pub fn sample_class_into(&mut self, label: i64, n: usize, out: &mut [u8]) -> Result<()> {
-        self.check_out(n, out)?;
-        let picks = self.draw_class(label, n)?;
-        copy_parts(picks.iter().map(|&pick| self.image(pick)), out);
-        Ok(())
     }
 
     /// Images stored of each class.
@@ -233,20 +174,18 @@ impl GoalStore {
         self.image_bytes
     }
 
-    pub(crate) const fn rng(&self) -> &Rng {
-        &self.rng
-    }
-
-    pub(crate) fn rng_mut(&mut self) -> &mut Rng {
-        &mut self.rng
-    }
-
-    pub(crate) fn rings(&self) -> &[Ring] {
-        &self.rings
-    }
-
-    pub(crate) fn rings_mut(&mut self) -> &mut [Ring] {
-        &mut self.rings
+    /// Makes room for one more image of each of these classes, so that storing them cannot fail
+    /// half-way.
+    fn reserve(&mut self, labels: &[i64]) -> Result<()> {
+        let mut wanted = vec![0_usize; self.rings.len()];
+        for &label in labels {
+            wanted[class_of(label)] += 1;
+        }
+        for (ring, wanted) in self.rings.iter_mut().zip(wanted) {
+            ring.images
+                .reserve(wanted.min(self.capacity - ring.images.len()))?;
+        }
+        Ok(())
     }
 
     fn put<'a>(&mut self, class: usize, parts: impl Iterator<Item = &'a [u8]>) -> Result<()> {
@@ -254,97 +193,6 @@ impl GoalStore {
         ring.images.put(ring.next, parts)?;
         ring.next = (ring.next + 1) % self.capacity;
         Ok(())
-    }
-
-    fn image(&self, pick: Pick) -> &[u8] {
-        self.rings[pick.class].images.get(pick.slot)
-    }
-
-    /// Memory for `n` images. Comes before any draw, so that a refused size leaves the generator where it was.
-    fn room_for(&self, n: usize) -> Result<Vec<u8>> {
-        error::with_room("sample", error::product("n", &[n, self.image_bytes])?)
-    }
-
-    fn check_out(&self, n: usize, out: &[u8]) -> Result<()> {
-        check_shape(
-            "out",
-            &[error::product("n", &[n, self.image_bytes])?],
-            &[out.len()],
-        )
-    }
-
-    fn draw(&mut self, n: usize, balance: Balance) -> Result<Vec<Pick>> {
-        check_range("n", n, 1, usize::MAX)?;
-        if self.is_empty() {
-            return Err(Error::Empty {
-                place: "GoalStore".into(),
-                item: "image",
-            });
-        }
-        match balance {
-            Balance::Classes => self.draw_balanced(n),
-            Balance::Images => self.draw_uniform(n),
-        }
-    }
-
-    fn draw_balanced(&mut self, n: usize) -> Result<Vec<Pick>> {
-        let mut filled: Vec<usize> = (0..self.rings.len())
-            .filter(|&c| self.rings[c].images.len() > 0)
-            .collect();
-        // In random order, so that the draws left over by the division fall on random classes.
-        self.rng.shuffle(&mut filled);
-        let mut picks = error::with_room("sample", n)?;
-        picks.extend(
-            filled
-                .iter()
-                .cycle()
-                .take(n)
-                .map(|&class| Pick { class, slot: 0 }),
-        );
-        self.rng.shuffle(&mut picks);
-        for pick in &mut picks {
-            pick.slot = self.rng.below(self.rings[pick.class].images.len());
-        }
-        Ok(picks)
-    }
-
-    fn draw_uniform(&mut self, n: usize) -> Result<Vec<Pick>> {
-        // ends[c] = images in classes 0..=c: the class of a number is the first whose end lies above it.
-        let ends: Vec<usize> = self
-            .counts()
-            .scan(0, |end, count| {
-                *end += count;
-                Some(*end)
-            })
-            .collect();
-        let total = self.len();
-        let mut picks = error::with_room("sample", n)?;
-        for _ in 0..n {
-            let number = self.rng.below(total);
-            let class = ends.partition_point(|&end| end <= number);
-            let slot = number - (ends[class] - self.rings[class].images.len());
-            picks.push(Pick { class, slot });
-        }
-        Ok(picks)
-    }
-
-    fn draw_class(&mut self, label: i64, n: usize) -> Result<Vec<Pick>> {
-        check_range("n", n, 1, usize::MAX)?;
-        check_labels("label", &[label], self.rings.len())?;
-        let class = class_of(label);
-        let count = self.rings[class].images.len();
-        if count == 0 {
-            return Err(Error::Empty {
-                place: format!("GoalStore class {label}"),
-                item: "image",
-            });
-        }
-        let mut picks = error::with_room("sample", n)?;
-        picks.extend((0..n).map(|_| Pick {
-            class,
-            slot: self.rng.below(count),
-        }));
-        Ok(picks)
     }
 }
 

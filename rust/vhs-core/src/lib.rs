@@ -25,4 +25,7 @@ pub mod returns;
 pub mod rng;
 
 mod checksum;
+mod episode;
+mod goal_file;
+mod sampling;
 mod slab;

@@ -1,4 +1,5 @@
-//! How an episode ended, in the same words everywhere: core, Python, configuration and `info["outcome"]`.
+//! How an episode ended, in the same words everywhere: core, Python, configuration and
+//! `info["outcome"]`.
 
 use crate::error::{Error, Result};
 

@@ -1,8 +1,10 @@
-//! Goal prototypes `p^x` (paper, section 3.3, equation 4): for each class the mean feature of its goal images.
+//! Goal prototypes `p^x` (paper, section 3.3, equation 4): for each class the mean feature of its
+//! goal images.
 //!
-//! The default is a running mean, `p := m p + (1 - m) mean(batch)`, over features that the contrastive loss computes
-//! anyway; `m = 0` is the paper's exact mean of the batch. A class that has never been seen has no prototype: `embed`
-//! answers with a fresh N(0, 1) vector, redrawn on each call.
+//! The default is a running mean, `p := m p + (1 - m) mean(batch)`, over features that the
+//! contrastive loss computes anyway; `m = 0` is the paper's exact mean of the batch. A class that
+//! has never been seen has no prototype: `embed` answers with a fresh N(0, 1) vector, redrawn on
+//! each call.
 
 #[cfg(doc)]
 use crate::error::Error;
@@ -55,7 +57,8 @@ impl Prototypes {
         })
     }
 
-    /// Moves the prototype of each class in the batch towards the mean of its features; the first batch sets it.
+    /// Moves the prototype of each class in the batch towards the mean of its features; the first
+    /// batch sets it.
     ///
     /// `features` holds one row of `dim` numbers a label.
     ///
@@ -79,7 +82,8 @@ impl Prototypes {
         Ok(())
     }
 
-    /// One row of `dim` numbers a label: the prototype, or a fresh N(0, 1) vector where the class was never seen.
+    /// One row of `dim` numbers a label: the prototype, or a fresh N(0, 1) vector where the class
+    /// was never seen.
     ///
     /// # Errors
     /// [`Error::Label`], [`Error::Memory`].

@@ -1,9 +1,10 @@
 //! Hindsight relabelling: what a failed episode reached is taken as what it was told to reach.
 //!
-//! The one place with the rule (paper, section 3.4; Andrychowicz et al. 2017, strategy "final"): an episode whose outcome
-//! is eligible is relabelled with the given probability. Its goal becomes its own final observation `o_T`, its
-//! interaction the one its last action did. Timeouts are not relabelled by default: they end anywhere, not at an object.
-//! Only row numbers are computed here; no image is copied.
+//! The one place with the rule (paper, section 3.4; Andrychowicz et al. 2017, strategy "final"): an
+//! episode whose outcome is eligible is relabelled with the given probability. Its goal becomes its
+//! own final observation `o_T`, its interaction the one its last action did. Timeouts are not
+//! relabelled by default: they end anywhere, not at an object. Only row numbers are computed here;
+//! no image is copied.
 
 use crate::error::{Result, check_fraction};
 use crate::outcome::{Outcome, OutcomeSet};
@@ -29,12 +30,15 @@ pub struct EpisodeEnd {
 /// use vhs_core::relabel::{EpisodeEnd, Rule};
 /// use vhs_core::rng::Rng;
 /// let rule = Rule::new([Outcome::Failure].into_iter().collect(), 1.0, 3)?;
-/// let failure = EpisodeEnd { outcome: Outcome::Failure, interaction: 0, last_action: 5, final_row: 8 };
-/// let timeout = EpisodeEnd { outcome: Outcome::Timeout, interaction: 0, last_action: 1, final_row: 20 };
-/// let hindsight = rule.relabel(&[failure, timeout], &mut Rng::new(0));
+/// let end = |outcome, last_action, final_row| {
+///     EpisodeEnd { outcome, interaction: 0, last_action, final_row }
+/// };
+/// let episodes = [end(Outcome::Failure, 5, 8), end(Outcome::Timeout, 1, 20)];
+/// let hindsight = rule.relabel(&episodes, &mut Rng::new(0));
 /// assert_eq!(hindsight.selected, [true, false]);
 /// assert_eq!(hindsight.goal_rows, [8, 20]);
-/// assert_eq!(hindsight.interactions, [2, 0]); // action 5 is interaction 2; the timeout keeps its own
+/// // Action 5 does interaction 2; the timeout keeps what it was told.
+/// assert_eq!(hindsight.interactions, [2, 0]);
 /// # Ok::<(), vhs_core::error::Error>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,7 +57,8 @@ pub struct Hindsight {
     pub selected: Vec<bool>,
     /// Row of each episode's `o_T` in the batch; the new goal where selected.
     pub goal_rows: Vec<i64>,
-    /// The interaction of each episode's last action where selected and the action is one, else the instructed one.
+    /// The interaction of each episode's last action where selected and the action is one, else the
+    /// instructed one.
     pub interactions: Vec<i64>,
 }
 
@@ -71,7 +76,8 @@ impl Rule {
         })
     }
 
-    /// Chooses and relabels. Draws once an episode, eligible or not: an episode's fate depends on its place alone.
+    /// Chooses and relabels. Draws once an episode, eligible or not: an episode's fate depends on
+    /// its place alone.
     #[must_use]
     pub fn relabel(&self, episodes: &[EpisodeEnd], rng: &mut Rng) -> Hindsight {
         let mut hindsight = Hindsight::default();

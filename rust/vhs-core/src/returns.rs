@@ -1,6 +1,7 @@
-//! Monte-Carlo returns: `R_t = r_t + gamma R_(t+1)`, with `R_T = 0` after the last step (paper, section 3.1).
+//! Monte-Carlo returns: `R_t = r_t + gamma R_(t+1)`, with `R_T = 0` after the last step (paper,
+//! section 3.1).
 
-use crate::error::{self, Error, Result, check_finite, check_fraction, check_range, check_shape};
+use crate::error::{self, Error, Result, check_finite, check_fraction, check_shape};
 use crate::goals::class_of;
 
 /// Discounted returns of padded episodes, `[B, T]` like `rewards`; zero after each episode's end.
@@ -15,8 +16,9 @@ use crate::goals::class_of;
 /// ```
 ///
 /// # Errors
-/// [`Error::Shape`] where `rewards` is not B rows of `longest`, [`Error::Label`] for a length above `longest`,
-/// [`Error::NonFinite`] for a reward inside an episode, [`Error::Argument`] for a `gamma` outside 0..=1.
+/// [`Error::Shape`] where `rewards` is not B rows of `longest`, [`Error::Label`] for a length above
+/// `longest`, [`Error::NonFinite`] for a reward inside an episode, [`Error::Argument`] for a
+/// `gamma` outside 0..=1.
 pub fn discounted_returns(
     rewards: &[f32],
     longest: usize,
@@ -44,11 +46,10 @@ pub fn discounted_returns_into(
     check_shape("rewards", &[cells], &[rewards.len()])?;
     check_shape("out", &[cells], &[out.len()])?;
     check_fraction("gamma", gamma)?;
-    check_range("longest", longest, 1, usize::MAX)?;
     check_episodes(rewards, longest, lengths)?;
     for ((out, rewards), &length) in out
-        .chunks_mut(longest)
-        .zip(rewards.chunks(longest))
+        .chunks_mut(longest.max(1))
+        .zip(rewards.chunks(longest.max(1)))
         .zip(lengths)
     {
         accumulate(rewards, class_of(length), gamma, out);
@@ -58,7 +59,7 @@ pub fn discounted_returns_into(
 
 fn check_episodes(rewards: &[f32], longest: usize, lengths: &[i64]) -> Result<()> {
     error::check_labels("lengths", lengths, longest + 1)?;
-    for (row, (rewards, &length)) in rewards.chunks(longest).zip(lengths).enumerate() {
+    for (row, (rewards, &length)) in rewards.chunks(longest.max(1)).zip(lengths).enumerate() {
         check_finite("rewards", &rewards[..class_of(length)]).map_err(|error| match error {
             Error::NonFinite { field, index, got } => Error::NonFinite {
                 field,

@@ -1,7 +1,7 @@
 //! Fixed-size byte records in memory that grows as it fills and never moves a full chunk.
 //!
-//! Records are numbered 0..len. Chunks are about a megabyte: small enough that a nearly empty structure stays small,
-//! large enough that a full one is a handful of allocations.
+//! Records are numbered 0..len. Chunks are about a megabyte: small enough that a nearly empty
+//! structure stays small, large enough that a full one is a handful of allocations.
 
 use crate::error::{Error, Result};
 
@@ -47,22 +47,29 @@ impl Slab {
         &self.chunks[index / self.per_chunk][start..start + self.record_bytes]
     }
 
-    /// Makes room for one more record, so that the next `put` at `len` cannot fail.
-    pub(crate) fn reserve_one(&mut self) -> Result<()> {
-        if self.len.is_multiple_of(self.per_chunk) && self.chunks.len() == self.len / self.per_chunk
-        {
+    /// Makes room for `count` more records, so that as many `put`s after the last cannot fail.
+    pub(crate) fn reserve(&mut self, count: usize) -> Result<()> {
+        let end = self.len + count;
+        for index in self.len / self.per_chunk..end.div_ceil(self.per_chunk) {
+            let records = (end - index * self.per_chunk).min(self.per_chunk);
+            self.reserve_chunk(index, records * self.record_bytes)?;
+        }
+        Ok(())
+    }
+
+    /// Makes the chunk, where it is missing, and lets it hold `bytes` in all.
+    fn reserve_chunk(&mut self, index: usize, bytes: usize) -> Result<()> {
+        if index == self.chunks.len() {
             self.chunks
                 .try_reserve(1)
                 .map_err(|_| memory(size_of::<Vec<u8>>()))?;
             self.chunks.push(Vec::new());
         }
-        let (limit, record) = (self.per_chunk * self.record_bytes, self.record_bytes);
-        let Some(chunk) = self.chunks.last_mut() else {
-            return Ok(());
-        };
-        if chunk.capacity() - chunk.len() < record {
+        let chunk = &mut self.chunks[index];
+        if chunk.capacity() < bytes {
             // Doubling inside the chunk keeps a structure of many small, nearly empty slabs small.
-            let wanted = (2 * chunk.len()).clamp(chunk.len() + record, limit) - chunk.len();
+            let limit = self.per_chunk * self.record_bytes;
+            let wanted = (2 * chunk.capacity()).clamp(bytes, limit) - chunk.len();
             chunk
                 .try_reserve_exact(wanted)
                 .map_err(|_| memory(wanted))?;
@@ -70,7 +77,8 @@ impl Slab {
         Ok(())
     }
 
-    /// Writes a record from its parts, over the one at `index` or, where `index` is `len`, after the last.
+    /// Writes a record from its parts, over the one at `index` or, where `index` is `len`, after
+    /// the last.
     ///
     /// The parts must add up to one record.
     pub(crate) fn put<'a>(
@@ -79,7 +87,7 @@ impl Slab {
         parts: impl Iterator<Item = &'a [u8]>,
     ) -> Result<()> {
         if index == self.len {
-            self.reserve_one()?;
+            self.reserve(1)?;
             let chunk = &mut self.chunks[index / self.per_chunk];
             parts.for_each(|part| chunk.extend_from_slice(part));
             self.len += 1;

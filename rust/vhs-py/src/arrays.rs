@@ -1,8 +1,9 @@
 //! Arguments in, arrays out: what every binding function needs to borrow, check and hand over.
 //!
-//! Images are taken as uint8 only and never copied when contiguous. Integer and real arguments may be any numpy integer
-//! or float type, or a sequence; those that are not int64 or float32 already are converted. Results are handed to numpy
-//! with their memory, so nothing is copied and `torch.from_numpy` shares it.
+//! Images are taken as uint8 only and never copied when contiguous. Integer and real arguments may
+//! be any numpy integer or float type, or a sequence; those that are not int64 or float32 already
+//! are converted. Results are handed to numpy with their memory, so nothing is copied and
+//! `torch.from_numpy` shares it.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -19,8 +20,8 @@ use vhs_core::rng::Rng;
 
 use crate::error::{dtype, layout, to_py};
 
-/// Runs `work` on what the mutex guards, with the interpreter released first: no thread ever waits for the lock while
-/// it keeps others from running Python.
+/// Runs `work` on what the mutex guards, with the interpreter released first: no thread ever waits
+/// for the lock while it keeps others from running Python.
 pub(crate) fn detached<T, R>(
     py: Python<'_>,
     shared: &Mutex<T>,
@@ -30,7 +31,8 @@ where
     T: Send,
     R: Send,
 {
-    // A poisoned lock only says that some call panicked; the next call's own checks are what counts.
+    // A poisoned lock only says that some call panicked; the next call's own checks are what
+    // counts.
     py.detach(|| work(&mut shared.lock().unwrap_or_else(PoisonError::into_inner)))
 }
 
@@ -90,7 +92,8 @@ pub(crate) fn exclusive<'py, T: Element>(
     borrow_mut(&out)
 }
 
-/// As `exclusive`, for an `out` that may have more rows than needed: only the shape of a row is checked.
+/// As `exclusive`, for an `out` that may have more rows than needed: only the shape of a row is
+/// checked.
 pub(crate) fn exclusive_rows<'py, T: Element>(
     argument: &Bound<'py, PyAny>,
     row: &[usize],
@@ -239,7 +242,7 @@ fn readonly<'py, T: Element>(
     array: &Bound<'py, PyArrayDyn<T>>,
 ) -> PyResult<PyReadonlyArrayDyn<'py, T>> {
     if array.is_c_contiguous() {
-        return array.try_readonly().map_err(|error| in_use(field, error));
+        return array.try_readonly().map_err(|error| in_use(field, &error));
     }
     let copy = array
         .py()
@@ -247,7 +250,7 @@ fn readonly<'py, T: Element>(
         .call_method1("ascontiguousarray", (array,))?;
     copy.cast::<PyArrayDyn<T>>()?
         .try_readonly()
-        .map_err(|error| in_use(field, error))
+        .map_err(|error| in_use(field, &error))
 }
 
 fn out_array<'py, T: Element>(argument: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArrayDyn<T>>> {
@@ -267,10 +270,10 @@ fn borrow_mut<'py, T: Element>(
     if !out.is_c_contiguous() {
         return Err(layout("out", "a C-contiguous array", "one with gaps"));
     }
-    out.try_readwrite().map_err(|error| in_use("out", error))
+    out.try_readwrite().map_err(|error| in_use("out", &error))
 }
 
-fn in_use(field: &'static str, error: BorrowError) -> PyErr {
+fn in_use(field: &'static str, error: &BorrowError) -> PyErr {
     let got = match error {
         BorrowError::NotWriteable => "a read-only one",
         _ => "one in use by another call",

@@ -35,7 +35,8 @@ pub(crate) struct EpisodeBatch {
     outcomes: Py<PyArrayDyn<u8>>,
     #[pyo3(get)]
     hindsight: Option<Py<Hindsight>>,
-    /// What relabelling reads: our own copy, so that writing to the arrays cannot lead it out of bounds.
+    /// What relabelling reads: our own copy, so that writing to the arrays cannot lead it out of
+    /// bounds.
     pub(crate) ends: Vec<EpisodeEnd>,
     pub(crate) first_interaction_action: i64,
 }

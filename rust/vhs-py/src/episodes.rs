@@ -241,8 +241,7 @@ impl EpisodeBuffer {
         )
     }
 
-    #[pyo3(signature = (n, relabel=None, probability=1.0, on=None),
-           text_signature = "(n, relabel=None, probability=1.0, on=('failure',))")]
+    #[pyo3(signature = (n, relabel=None, probability=1.0, on=None))]
     fn sample_episodes(
         &self,
         py: Python<'_>,

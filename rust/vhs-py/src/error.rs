@@ -1,7 +1,8 @@
 //! Core errors as Python exceptions: the only place that maps one to the other.
 //!
-//! Every class derives from `VhsError` and, where one fits, from a builtin, so that both `except vhs.VhsError` and
-//! `except IndexError` work. The classes say `vhs._core` as their module: with a bare `_core` they could not be pickled.
+//! Every class derives from `VhsError` and, where one fits, from a builtin, so that both `except
+//! vhs.VhsError` and `except IndexError` work. The classes say `vhs._core` as their module: with a
+//! bare `_core` they could not be pickled.
 
 use pyo3::exceptions::{
     PyException, PyIndexError, PyLookupError, PyMemoryError, PyOSError, PyRuntimeError,

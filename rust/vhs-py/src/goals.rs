@@ -75,7 +75,8 @@ impl GoalStore {
         ids: &Bound<'_, PyAny>,
     ) -> PyResult<usize> {
         let ids = integer_vec("ids", ids)?;
-        // Always the store before the buffer: no other call holds two locks, so none can wait in a circle.
+        // Always the store before the buffer: no other call holds two locks, so none can wait in a
+        // circle.
         checked(detached(py, &self.inner, |store| {
             buffer.with_core(|buffer| store.collect(buffer, &ids))
         }))
@@ -136,11 +137,19 @@ impl GoalStore {
         Ok(out.clone())
     }
 
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "made from a Python path for this call"
+    )]
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         checked(detached(py, &self.inner, |store| store.save(&path)))
     }
 
     #[staticmethod]
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "made from a Python path for this call"
+    )]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         checked(py.detach(|| core::GoalStore::load(&path))).map(Self::from)
     }

@@ -1,6 +1,7 @@
 //! The extension module `vhs._core`: borrow, check, call, map errors. No loop over data lives here.
 //!
-//! Documentation for users is in `python/vhs/_core.pyi`, which editors read and `stubtest` checks against this module.
+//! Documentation for users is in `python/vhs/_core.pyi`, which editors read and `stubtest` checks
+//! against this module.
 #![deny(missing_docs)]
 
 mod arrays;

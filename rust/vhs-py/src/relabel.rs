@@ -36,8 +36,7 @@ impl Hindsight {
 
 /// Chooses the episodes of a batch that are relabelled, and their new goals.
 #[pyfunction]
-#[pyo3(signature = (batch, *, rng, strategy="final", on=None, probability=0.8),
-       text_signature = "(batch, *, rng, strategy='final', on=('failure',), probability=0.8)")]
+#[pyo3(signature = (batch, *, rng, strategy="final", on=None, probability=0.8))]
 pub(crate) fn relabel(
     py: Python<'_>,
     batch: &EpisodeBatch,
@@ -88,7 +87,8 @@ pub(crate) fn outcome(argument: &Bound<'_, PyAny>) -> PyResult<Outcome> {
 }
 
 fn outcomes(argument: &Bound<'_, PyAny>) -> PyResult<OutcomeSet> {
-    // A bare word is a sequence of letters to Python: refused, so that on="failure" is not a puzzle.
+    // A bare word is a sequence of letters to Python: refused, so that on="failure" is not a
+    // puzzle.
     match argument.try_iter() {
         Ok(items) if !argument.is_instance_of::<PyString>() => {
             items.map(|item| outcome(&item?)).collect()

@@ -1,0 +1,10 @@
+//! Properties of the core, each checked against a naive reference on random operations.
+
+mod support;
+
+mod episodes;
+mod goals;
+mod persist;
+mod prototypes;
+mod relabel;
+mod returns;
