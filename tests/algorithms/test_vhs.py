@@ -1,4 +1,4 @@
-"""One update of VHS: which parameters learn from what, what stays constant, what a bad update leaves behind."""
+"""One update of VHS: what learns from what, what stays constant, what a bad update leaves behind."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

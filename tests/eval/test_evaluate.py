@@ -20,7 +20,7 @@ def test_spl_by_hand() -> None:
 
 def test_a_run_without_a_checkpoint_is_a_clear_error(tmp_path: Path) -> None:
     (tmp_path / "config.yaml").write_text("task: task2\n")
-    with pytest.raises(CheckpointError, match="expected a checkpoint in .*checkpoints, found none"):
+    with pytest.raises(CheckpointError, match=r"expected a checkpoint in .*checkpoints, found none"):
         evaluate(tmp_path)
 
 

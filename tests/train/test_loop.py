@@ -1,4 +1,4 @@
-"""The whole loop on the debug configuration: it runs, logs, stops, resumes, and refuses what it cannot use."""
+"""The whole loop on the debug configuration: it runs, logs, stops, resumes, and refuses what cannot run."""
 
 import json
 import os

@@ -73,7 +73,7 @@ class VHS:
         self._device = agent.gate.weight.device
 
     def embed_goal(self, label: int) -> Tensor:
-        """The goal embedding p^x of a class for one episode (paper Eq. 4): N(0, 1) while there is no prototype.
+        """The goal embedding p^x of a class for one episode (paper Eq. 4): N(0, 1) while there is none.
 
         Returns:
             float32, shape [feature_dim].

@@ -25,8 +25,8 @@ def choose_defaults() -> None:
 def load_triton_first() -> None:
     """Load torch's compiler library, where it is installed, before the first GL context.
 
-    Mesa's software renderer and triton, which torch loads with its first optimiser, each bring an LLVM of their own.
-    A triton that is loaded after Mesa has drawn crashes the process; the other order is safe.
+    Mesa and triton, which torch loads with its first optimiser, each bring an LLVM of their
+    own. A triton that is loaded after Mesa has drawn crashes the process; the other order is safe.
     """
     with suppress(ImportError):
         import_module("triton._C.libtriton")

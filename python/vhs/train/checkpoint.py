@@ -37,11 +37,14 @@ def save_checkpoint(
         keep: number of checkpoints that stay.
 
     Returns:
-        The directory of the new checkpoint.
+        The directory of the checkpoint; one of the same episode stays as it is.
     """
     root = run / _DIRECTORY
     root.mkdir(parents=True, exist_ok=True)
     final = root / f"{_PREFIX}{episode:09d}"
+    if final.exists():
+        # Nothing has been learned since; replacing it would leave a moment without it.
+        return final
     partial = root / f".partial-{final.name}"
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir()
@@ -50,7 +53,6 @@ def save_checkpoint(
         file.flush()
         os.fsync(file.fileno())
     goal_store.save(partial / _GOALS)
-    shutil.rmtree(final, ignore_errors=True)
     partial.rename(final)
     _sync_directory(root)
     for old in _checkpoints(run)[:-keep]:
