@@ -1,6 +1,6 @@
 """Draw the learning curve of a run: `python docs/results/plot.py LOG.jsonl PICTURE.png`.
 
-Success, failure and timeout rate over episodes, each over the window of one log row, beside what the paper reports.
+Success, failure and timeout rate over episodes, each over the window of one log row, beside the paper's.
 """
 
 import json

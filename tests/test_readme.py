@@ -1,0 +1,63 @@
+"""The README keeps its word: its code runs, its commands exist, its links lead somewhere."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from vhs.envs import NoOpenGLError, RoomEnv
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+
+
+@pytest.mark.parametrize("code", blocks("python"), ids=lambda code: code.splitlines()[0])
+def test_python_blocks_run(code: str) -> None:
+    if "gymnasium" in code:
+        try:
+            RoomEnv("ObjectNav").reset(seed=0)
+        except NoOpenGLError as error:
+            pytest.skip(f"no OpenGL: {error}")
+    subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, timeout=60)
+
+
+def test_make_targets_of_the_readme_exist() -> None:
+    targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    commands = re.findall(r"^make ([a-z]+)", "\n".join(blocks("sh")), re.MULTILINE)
+    assert {"train", "test"} <= set(commands) <= targets
+
+
+def test_continuous_integration_runs_the_readmes_test_command() -> None:
+    assert (ROOT / ".ci" / "run").read_text().rstrip().endswith("make test")
+    assert os.access(ROOT / ".ci" / "run", os.X_OK)
+
+
+def test_command_lines_of_the_readme_parse(capsys: pytest.CaptureFixture[str]) -> None:
+    from vhs.cli import _parser
+
+    lines = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("vhs ")]
+    assert len(lines) >= 2
+    for line in lines:
+        options = _parser().parse_args(line.split()[1:])
+        for path in getattr(options, "config", []):
+            assert (ROOT / path).exists(), path
+
+
+def test_relative_links_lead_somewhere() -> None:
+    pages = [
+        ROOT / "README.md",
+        ROOT / "ARCHITECTURE.md",
+        ROOT / "CONTRIBUTING.md",
+        *(ROOT / "docs").glob("*.md"),
+    ]
+    for page in pages:
+        for target in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8")):
+            if "://" not in target:
+                assert (page.parent / target).exists(), f"{page.name}: {target}"
