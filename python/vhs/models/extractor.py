@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import layer_norm
 
 from vhs._core import ShapeError
 
@@ -17,8 +18,13 @@ from vhs._core import ShapeError
 class FeatureExtractor(nn.Module):
     """Four convolutions (kernel 3, stride 2, padding 1) with batch norm and ReLU, then a linear layer.
 
-    Raw 0..255 goes in: bfloat16 holds these values exactly, and the batch norm behind the first convolution
-    makes f blind to their scale, so dividing by 255 would only cost time.
+    Pixels go in as integers in -128..127: bfloat16 holds them exactly, and the batch norm behind the first
+    convolution makes f blind to their scale, so dividing would only cost time. Centring them matters: with raw
+    0..255 the mean of the first layer moves faster than its running mean follows, and the policy that acts
+    drifts from the one that learns.
+
+    The features end in a layer norm without parameters: f(o), a prototype and the N(0, 1) vector of an empty
+    class enter the policy at one scale, and no loss can make features grow until the gates saturate.
     """
 
     def __init__(
@@ -58,9 +64,8 @@ class FeatureExtractor(nn.Module):
                 f"`observations`: expected shape [N, {', '.join(map(str, self.observation_shape))}], "
                 f"found {list(observations.shape)}"
             )
-        planes = (
-            observations.permute(0, 1, 4, 2, 3).flatten(1, 2).to(dtype, memory_format=torch.channels_last)
-        )
+        planes = observations.permute(0, 1, 4, 2, 3).flatten(1, 2)
+        planes = planes.to(dtype, memory_format=torch.channels_last).sub_(128)
         with torch.autocast(observations.device.type, dtype=torch.bfloat16, enabled=dtype == torch.bfloat16):
             features: Tensor = self.project(self.convolutions(planes).flatten(1))
-        return features.float()
+        return layer_norm(features.float(), features.shape[1:])
