@@ -235,3 +235,6 @@ pub(crate) fn with_room<T>(place: &'static str, len: usize) -> Result<Vec<T>> {
         .map_err(|_| Error::Memory { place, bytes })?;
     Ok(items)
 }
+
+#[cfg(test)]
+mod tests;

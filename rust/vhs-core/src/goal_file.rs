@@ -295,3 +295,6 @@ pub(crate) fn io_error(path: &Path, call: &'static str, source: io::Error) -> Er
         source,
     }
 }
+
+#[cfg(test)]
+mod tests;

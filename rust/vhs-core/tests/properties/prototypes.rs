@@ -43,7 +43,9 @@ proptest! {
     #[test]
     fn seen_classes_embed_as_their_row_and_others_as_noise(batches in batches(), seed: u64) {
         let mut prototypes = Prototypes::new(4, DIM, 0.5, seed).expect("valid sizes");
-        batches.iter().for_each(|batch| update(&mut prototypes, batch));
+        for batch in &batches {
+            update(&mut prototypes, batch);
+        }
         let (first, second) = (prototypes.embed(&[0, 1, 2, 3]), prototypes.embed(&[0, 1, 2, 3]));
         let (first, second) = (first.expect("valid labels"), second.expect("valid labels"));
         for class in 0..4 {
@@ -59,7 +61,9 @@ proptest! {
     #[test]
     fn a_restored_table_goes_on_alike(batches in batches(), seed: u64) {
         let mut prototypes = Prototypes::new(4, DIM, 0.9, seed).expect("valid sizes");
-        batches.iter().for_each(|batch| update(&mut prototypes, batch));
+        for batch in &batches {
+            update(&mut prototypes, batch);
+        }
         prototypes.embed(&[0, 3]).expect("valid labels");
         let mut other = Prototypes::new(4, DIM, 0.9, seed ^ 1).expect("valid sizes");
         let rng = Rng::from_state(prototypes.rng().state()).expect("a state");

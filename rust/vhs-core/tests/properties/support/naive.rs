@@ -22,8 +22,8 @@ impl Episode {
     pub(crate) fn observation(&self, t: usize, stack: usize) -> Vec<u8> {
         let mut bytes = Vec::new();
         for back in (0..stack).rev() {
-            let frame = if t >= back { t - back } else { 0 };
-            bytes.extend(&self.frames[frame]);
+            // No frame comes before the first.
+            bytes.extend(&self.frames[t.saturating_sub(back)]);
         }
         bytes
     }

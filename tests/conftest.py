@@ -1,0 +1,12 @@
+"""Hypothesis profiles: `HYPOTHESIS_PROFILE=thorough` searches longer, the default is quick and repeatable."""
+
+import os
+
+from hypothesis import HealthCheck, settings
+
+# No deadline: a machine that is busy elsewhere is not a bug.
+settings.register_profile("quick", max_examples=50, deadline=None, derandomize=True)
+settings.register_profile(
+    "thorough", max_examples=1000, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))

@@ -1,0 +1,67 @@
+"""The public face: names, stub and what an import costs."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import pytest
+
+import vhs
+from vhs import _core
+
+REPOSITORY = Path(__file__).parents[2]
+
+
+def run(*arguments: str) -> str:
+    done = subprocess.run(
+        [sys.executable, *arguments], capture_output=True, text=True, cwd=REPOSITORY, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_all_names_what_is_exported() -> None:
+    exported = {
+        name
+        for name, value in vars(vhs).items()
+        if not name.startswith("_") and not isinstance(value, types.ModuleType)
+    }
+    assert exported == set(vhs.__all__)
+    assert len(vhs.__all__) == len(set(vhs.__all__))
+
+
+def test_everything_compiled_is_exported() -> None:
+    assert set(_core.__all__) == set(vhs.__all__) - {"Outcome"}
+
+
+def test_importing_vhs_imports_numpy_alone() -> None:
+    code = """
+import sys
+before = set(sys.modules)
+import vhs
+vhs.GoalStore(1, (1,), 1).push(__import__("numpy").zeros(1, "uint8"), 0)
+loaded = {name.partition(".")[0] for name in set(sys.modules) - before}
+print(sorted(loaded - sys.stdlib_module_names))
+"""
+    # What the standard library and the interpreter's own start-up bring does not count.
+    assert run("-c", code).strip() == "['numpy', 'vhs']"
+
+
+def test_the_stub_is_true() -> None:
+    pytest.importorskip("mypy")
+    allowed = ["--allowlist", ".mypy-stubtest-allowlist"]
+    assert "Success" in run("-m", "mypy.stubtest", "vhs._core", *allowed)
+
+
+def test_outcomes_are_named() -> None:
+    assert [(outcome.name.lower(), int(outcome)) for outcome in vhs.Outcome] == [
+        ("success", 0),
+        ("failure", 1),
+        ("timeout", 2),
+    ]
+    assert vhs.Outcome.from_name("timeout") is vhs.Outcome.TIMEOUT
+    with pytest.raises(ValueError, match='expected one of "success", "failure", "timeout", got \'won\''):
+        vhs.Outcome.from_name("won")
