@@ -29,9 +29,8 @@ def test_the_oracle_solves_every_episode_and_replans_to_the_same_end(task: Task)
         assert info["outcome"] == "success", f"seed {seed}"
         assert env.steps == best, f"seed {seed}"
         lengths.append(best)
-    print(
-        f"oracle, {task.name}: {EPISODES} of {EPISODES}, mean {np.mean(lengths):.2f}, max {max(lengths)} steps"
-    )
+    steps = f"mean {np.mean(lengths):.2f}, max {max(lengths)} steps"
+    print(f"oracle, {task.name}: {EPISODES} of {EPISODES}, {steps}")
     assert max(lengths) <= env.config.horizon_steps
 
 
