@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
+import threading
 from collections.abc import Callable, Iterator
 
 import mujoco
@@ -201,3 +204,32 @@ def test_sources_are_shared_within_a_thread_and_closed_beyond_a_few(room: RoomEn
     for size_px in range(20, 28):
         first_person_source("mujoco", model, size_px)
     assert first_person_source("mujoco", model, 84) is not first
+
+
+def test_a_forked_worker_draws_the_same_picture_as_its_parent() -> None:
+    code = """
+import os, gymnasium, vhs.envs
+env = gymnasium.make("vhs/InteractiveObjectNav-v0")
+before = env.reset(seed=3)[0]["image"]
+child = os.fork()
+after = env.reset(seed=3)[0]["image"]
+same = bool((before == after).all()) and before.std() > 5
+if child == 0:
+    os._exit(0 if same else 1)
+print(same, os.waitpid(child, 0)[1])
+"""
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert result.stdout.strip() == "True 0", result.stderr
+
+
+def test_each_thread_draws_for_itself(room: RoomEnv) -> None:
+    room.reset(seed=4)
+    here = look(room)
+    found: list[Image] = []
+    worker = threading.Thread(target=lambda: found.append(look(room)))
+    worker.start()
+    worker.join()
+    assert np.array_equal(found[0], here)
+    assert np.array_equal(look(room), here)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +11,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from vhs.envs import TASKS, Outcome, RoomConfig, RoomEnv, Task, compute_reward
+from vhs.envs import Outcome, RoomEnv, Task, compute_reward
 from vhs.envs.config import (
     FIRST_INTERACTION,
     INTERACTIVE_OBJECT_NAV,
@@ -331,71 +329,3 @@ def test_arrange_wants_a_pose_for_every_object() -> None:
     env = blind(OBJECT_NAV)
     with pytest.raises(ValueError, match="poses: expected 5 object poses, found 1"):
         env.arrange(FACING, [AHEAD])
-
-
-# -- registration --------------------------------------------------------------------------------------------
-
-
-def run_python(code: str) -> str:
-    """Run code in a fresh interpreter that turns warnings into errors."""
-    result = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=False, timeout=60
-    )
-    assert result.returncode == 0, result.stderr
-    assert result.stderr == ""
-    return result.stdout.strip()
-
-
-@pytest.mark.parametrize("known", [task.name for task in TASKS])
-def test_make_works_after_importing_the_package(known: str) -> None:
-    made = f"gymnasium.make('vhs/{known}-v0', renderer='none')"
-    assert run_python(f"import gymnasium, vhs.envs; print({made}.unwrapped.task.name)") == known
-
-
-def test_make_works_by_module_prefix_without_an_import() -> None:
-    made = "gymnasium.make('vhs.envs:vhs/ObjectNav-v0', renderer='none')"
-    assert run_python(f"import gymnasium; print({made}.unwrapped.task.name)") == "ObjectNav"
-
-
-def test_importing_the_package_loads_no_mujoco() -> None:
-    assert run_python("import sys, vhs.envs; print('mujoco' in sys.modules)") == "False"
-
-
-def test_the_entry_point_names_the_registration() -> None:
-    from importlib.metadata import entry_points
-
-    from vhs.envs import register_envs
-
-    (found,) = [point for point in entry_points(group="gymnasium.envs") if point.value.startswith("vhs.")]
-    assert found.load() is register_envs
-    register_envs()
-    assert sum(name.startswith("vhs/") for name in gymnasium.registry) == 3
-
-
-def test_the_package_offers_what_it_names() -> None:
-    import vhs.envs
-
-    assert all(getattr(vhs.envs, name) is not None for name in vhs.envs.__all__)
-    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
-        _ = vhs.envs.nothing  # type: ignore[attr-defined]
-
-
-def test_make_vec_keeps_the_final_image_and_tells_timeouts_apart() -> None:
-    env = gymnasium.make_vec("vhs/ObjectNav-v0", num_envs=2, vectorization_mode="sync", renderer="none")
-    env.reset(seed=0)
-    ended = 0
-    for _ in range(60):
-        _, _, terminated, truncated, info = env.step(env.action_space.sample())
-        for index in np.flatnonzero(terminated | truncated):
-            ended += 1
-            outcome = info["outcome"][index]
-            assert truncated[index] == (outcome == "timeout")
-    env.close()
-    assert ended >= 4
-
-
-def test_config_reaches_the_environment_through_make() -> None:
-    env = gymnasium.make("vhs/ObjectNav-v0", config=RoomConfig(horizon_steps=2), renderer="none")
-    env.reset(seed=0)
-    assert [env.step(TURN_LEFT)[3] for _ in range(2)] == [False, True]
-    env.close()

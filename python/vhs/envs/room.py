@@ -77,14 +77,14 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         size_px = self.config.image_px
         # Task 1 has no interactions; its instruction keeps the key, always 0: one agent fits all tasks.
         self._num_interactions = max(1, self.task.interactions)
-        self.observation_space = gymnasium.spaces.Dict(
+        self.observation_space: gymnasium.spaces.Dict = gymnasium.spaces.Dict(
             {
                 "image": gymnasium.spaces.Box(0, 255, (size_px, size_px, 3), np.uint8),
                 "goal": gymnasium.spaces.Discrete(len(OBJECT_NAMES)),
                 "interaction": gymnasium.spaces.Discrete(self._num_interactions),
             }
         )
-        self.action_space = gymnasium.spaces.Discrete(self.task.num_actions)
+        self.action_space: gymnasium.spaces.Discrete = gymnasium.spaces.Discrete(self.task.num_actions)
         self.renderer = renderer
         self._room = load_room(self.config, None if objects_dir is None else Path(objects_dir))
         self.world = World(self._room, self.config)
