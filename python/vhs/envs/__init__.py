@@ -47,7 +47,7 @@ _LAZY = {
 def register_envs() -> None:
     """Register the three tasks; doing it again changes nothing.
 
-    Called on import, and by versions of gymnasium that load the entry points of installed packages.
+    Called on import; also the package's entry point in the group `gymnasium.envs`.
     """
     for task in TASKS:
         env_id = f"vhs/{task.name}-v0"

@@ -17,9 +17,9 @@ from vhs.envs.config import FIRST_INTERACTION, MOVE_FORWARD, TURN_LEFT, TURN_RIG
 from vhs.envs.kinematics import HEADING_COS, HEADING_SIN, Pose, nearest_in_reach, strided, turned
 from vhs.envs.room import RoomEnv
 
-_SLACK_M = 0.002
+_SLACK_M = 0.0003
 """The simulation may end this far from the commanded pose; plans stay clear of borders by as much."""
-_SLACK_DEG = 0.1
+_SLACK_DEG = 0.02
 """The same for headings and the reach angle."""
 
 

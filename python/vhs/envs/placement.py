@@ -42,12 +42,17 @@ def sample_layout(room: RoomModel, config: RoomConfig, rng: np.random.Generator)
     poses: list[ObjectPose] = []
     footprints: list[Footprint] = []
     start_m = config.reach_m + config.start_clearance_m
+    # Postures are drawn once and kept: lying objects are longer and would be rejected more often.
+    is_lying = (rng.random(len(OBJECT_NAMES)) < 0.5).tolist()
     draws_here = 0
     for _ in range(_MAX_DRAWS):
-        x, y, yaw, posture = rng.random(4).tolist()
+        x, y, turn = rng.random(3).tolist()
         label = len(poses)
         pose = ObjectPose(
-            (2 * x - 1) * config.half_side_m, (2 * y - 1) * config.half_side_m, math.tau * yaw, posture < 0.5
+            (2 * x - 1) * config.half_side_m,
+            (2 * y - 1) * config.half_side_m,
+            math.tau * turn,
+            is_lying[label],
         )
         footprint = room.footprint(label, pose)
         draws_here += 1

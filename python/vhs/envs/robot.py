@@ -18,7 +18,7 @@ from vhs.envs.config import RoomConfig
 BASE_JOINTS = ("base_x", "base_y", "base_yaw")
 ARM_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 JOINTS = BASE_JOINTS + ARM_JOINTS
-ARM_FOLDED_RAD = (1.571, 0.45, -2.1, 0.8, -1.571, 0.0)
+ARM_FOLDED_RAD = (1.571, 0.4, -1.9, 1.2, -1.571, 0.0)
 """Posture held by the arm's servos: across the robot's back, out of the camera's view (chosen)."""
 CAMERA = "first_person"
 BUMPER = "bumper"

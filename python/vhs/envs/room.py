@@ -77,15 +77,15 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         size_px = self.config.image_px
         # Task 1 has no interactions; its instruction keeps the key, always 0: one agent fits all tasks.
         self._num_interactions = max(1, self.task.interactions)
-        self.observation_space = gymnasium.spaces.Dict(
+        self.observation_space: gymnasium.spaces.Dict = gymnasium.spaces.Dict(
             {
                 "image": gymnasium.spaces.Box(0, 255, (size_px, size_px, 3), np.uint8),
                 "goal": gymnasium.spaces.Discrete(len(OBJECT_NAMES)),
                 "interaction": gymnasium.spaces.Discrete(self._num_interactions),
             }
         )
-        self.action_space = gymnasium.spaces.Discrete(self.task.num_actions)
-        self._renderer_name = renderer
+        self.action_space: gymnasium.spaces.Discrete = gymnasium.spaces.Discrete(self.task.num_actions)
+        self.renderer = renderer
         self._room = load_room(self.config, None if objects_dir is None else Path(objects_dir))
         self.world = World(self._room, self.config)
         """True state, for oracle, evaluation and tests; a learner must not read it."""
@@ -198,7 +198,7 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         """Draw the first-person view and repeat the instruction."""
         size_px = self.config.image_px
         image = np.empty((size_px, size_px, 3), np.uint8)
-        first_person_source(self._renderer_name, self._room.model, size_px).render(self.world.data, image)
+        first_person_source(self.renderer, self._room.model, size_px).render(self.world.data, image)
         return {"image": image, "goal": np.int64(self._goal), "interaction": np.int64(self._interaction)}
 
     # -- checks --------------------------------------------------------------------------------------------

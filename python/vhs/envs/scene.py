@@ -155,7 +155,7 @@ def _onlooker_xml(config: RoomConfig) -> str:
     forward = np.subtract((0.0, -0.02, 0.12), eye)
     right = np.cross(forward, (0.0, 0.0, 1.0))
     axes = " ".join(f"{value:.6g}" for value in (*right, *np.cross(right, forward)))
-    return f'<camera name="{ONLOOKER}" pos="{eye[0]} {eye[1]} {eye[2]}" xyaxes="{axes}" fovy="46"/>'
+    return f'<camera name="{ONLOOKER}" pos="{eye[0]} {eye[1]} {eye[2]}" xyaxes="{axes}" fovy="49"/>'
 
 
 def _object_xml(asset: ObjectAsset, scale: float) -> str:
