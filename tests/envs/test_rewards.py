@@ -2,7 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from vhs.envs import Outcome, RoomConfig, compute_reward, reward_terms
+from vhs import Outcome
+from vhs.envs import RoomConfig, compute_reward, reward_terms
 
 
 @pytest.mark.parametrize(

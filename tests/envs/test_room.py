@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from vhs.envs import Outcome, RoomEnv, Task, compute_reward
+from vhs import Outcome
+from vhs.envs import RoomEnv, Task, compute_reward
 from vhs.envs.config import (
     FIRST_INTERACTION,
     INTERACTIVE_OBJECT_NAV,
@@ -170,7 +171,7 @@ def test_every_step_is_rewarded_as_its_outcome_says(task: Task) -> None:
         env.reset(seed=seed)
         for _ in range(20):
             _, reward, terminated, truncated, info = env.step(int(rng.integers(env.action_space.n)))
-            outcome = Outcome(info["outcome"]) if info else None
+            outcome = Outcome.from_name(info["outcome"]) if info else None
             assert reward == compute_reward(outcome, env.config)
             assert terminated is (outcome in (Outcome.SUCCESS, Outcome.FAILURE))
             assert truncated is (outcome is Outcome.TIMEOUT)

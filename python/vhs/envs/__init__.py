@@ -13,7 +13,7 @@ from gymnasium.envs.registration import register, registry
 
 import vhs.envs.opengl  # noqa: F401  its effect is needed before anything imports mujoco
 from vhs.envs.config import OBJECT_NAMES, TASKS, RoomConfig, Task
-from vhs.envs.rewards import Outcome, compute_reward, reward_terms
+from vhs.envs.rewards import compute_reward, reward_terms
 
 if TYPE_CHECKING:
     from vhs.envs.oracle import optimal_steps, plan
@@ -24,7 +24,6 @@ __all__ = [
     "OBJECT_NAMES",
     "TASKS",
     "NoOpenGLError",
-    "Outcome",
     "RoomConfig",
     "RoomEnv",
     "Task",

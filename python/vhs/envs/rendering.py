@@ -20,6 +20,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from vhs import VhsError
 from vhs.envs.opengl import load_triton_first
 from vhs.envs.robot import CAMERA, COLLISION_GROUP, ROBOT_GROUP
 from vhs.envs.scene import NEAR_WALL_GROUP, ONLOOKER
@@ -30,7 +31,7 @@ _GROUPS = 6
 """Number of geom groups in MuJoCo's drawing options."""
 
 
-class NoOpenGLError(RuntimeError):
+class NoOpenGLError(VhsError, RuntimeError):
     """No OpenGL context can be had on this machine."""
 
 

@@ -1,22 +1,13 @@
 """Rewards as a pure function of how a step ended (paper: experiments section).
 
-Owns `Outcome` and the reward table. A reward is the sum of named terms, so that a test can table it and a
+Owns the reward table. A reward is the sum of named terms, so that a test can table it and a
 learner that relabels an episode can recompute it.
 """
 
 from __future__ import annotations
 
-from enum import StrEnum
-
+from vhs import Outcome
 from vhs.envs.config import RoomConfig
-
-
-class Outcome(StrEnum):
-    """How an episode ended; the value is what `info["outcome"]` holds."""
-
-    SUCCESS = "success"
-    FAILURE = "failure"
-    TIMEOUT = "timeout"
 
 
 def reward_terms(outcome: Outcome | None, config: RoomConfig) -> dict[str, float]:
@@ -31,7 +22,7 @@ def reward_terms(outcome: Outcome | None, config: RoomConfig) -> dict[str, float
     """
     terms = {"step": config.reward_step}
     if outcome is not None:
-        terms[outcome.value] = {
+        terms[outcome.name.lower()] = {
             Outcome.SUCCESS: config.reward_success,
             Outcome.FAILURE: config.reward_failure,
             Outcome.TIMEOUT: config.reward_timeout,

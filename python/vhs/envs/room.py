@@ -5,7 +5,7 @@ period of real dynamics, see what is in reach, name the outcome, reward it, draw
 
 Invariants: same seed, same episode, bit for bit; `terminated` means success or failure and `truncated` means
 timeout, never both; `info` names the outcome and the reached object only at the end, for evaluation: a
-learner must not read the reached object. Source: DESIGN section 3; paper, experiments section.
+learner must not read the reached object. Source: paper, experiments section; docs/environment.md.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from vhs import Outcome
 from vhs.envs.config import (
     FIRST_INTERACTION,
     HEADINGS,
@@ -30,7 +31,7 @@ from vhs.envs.config import (
 from vhs.envs.kinematics import Pose
 from vhs.envs.placement import sample_layout
 from vhs.envs.rendering import check_renderer, first_person_source, onlooker_source
-from vhs.envs.rewards import Outcome, compute_reward
+from vhs.envs.rewards import compute_reward
 from vhs.envs.scene import ONLOOKER_PX, ObjectPose, load_room
 from vhs.envs.world import World
 
@@ -139,7 +140,7 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         if outcome is not None:
             self._is_running = False
             info = {
-                "outcome": outcome.value,
+                "outcome": outcome.name.lower(),
                 "reached_object": reached,
                 "reached_interaction": interaction if reached >= 0 else _NOTHING,
             }
