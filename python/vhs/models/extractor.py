@@ -19,9 +19,9 @@ class FeatureExtractor(nn.Module):
     """Four convolutions (kernel 3, stride 2, padding 1) with batch norm and ReLU, then a linear layer.
 
     Pixels go in as integers in -128..127: bfloat16 holds them exactly, and the batch norm behind the first
-    convolution makes f blind to their scale, so dividing would only cost time. Centring them matters: with raw
-    0..255 the mean of the first layer moves faster than its running mean follows, and the policy that acts
-    drifts from the one that learns.
+    convolution makes f blind to their scale, so dividing would only cost time. Centring them matters: with
+    raw 0..255 the mean of the first layer moves faster than its running mean follows, and the policy that
+    acts drifts from the one that learns.
 
     The features end in a layer norm without parameters: f(o), a prototype and the N(0, 1) vector of an empty
     class enter the policy at one scale, and no loss can make features grow until the gates saturate.
