@@ -27,16 +27,23 @@ def test_channels_are_frames_by_colours(extractor: FeatureExtractor) -> None:
     extractor.eval()
     observations = images(1)
     planes = torch.cat([observations[0, 0].permute(2, 0, 1), observations[0, 1].permute(2, 0, 1)]).float()
-    expected = extractor.project(extractor.convolutions(planes.unsqueeze(0)).flatten(1))
-    torch.testing.assert_close(extractor(observations), expected)
+    raw = extractor.project(extractor.convolutions((planes - 128).unsqueeze(0)).flatten(1))
+    expected = (raw - raw.mean()) / raw.std(correction=0)
+    torch.testing.assert_close(extractor(observations), expected, atol=1e-4, rtol=1e-4)
 
 
-def test_learning_ignores_the_scale_of_the_pixels(extractor: FeatureExtractor) -> None:
+def test_learning_ignores_the_contrast_of_the_pixels(extractor: FeatureExtractor) -> None:
     extractor.train()
-    observations = images(8)
-    dim = (observations // 4) * 2
-    bright = (observations // 4) * 4
+    quarter = images(8) // 4
+    dim, bright = quarter * 2 + 64, quarter * 4  # both centred on 128
     torch.testing.assert_close(extractor(dim), extractor(bright), atol=1e-3, rtol=1e-3)
+
+
+def test_features_have_one_scale_whatever_the_weights(extractor: FeatureExtractor) -> None:
+    with torch.no_grad():
+        extractor.project.weight *= 50
+    features = extractor(images(4))
+    torch.testing.assert_close(features.norm(dim=1), torch.full((4,), 16.0), atol=1e-2, rtol=0)
 
 
 def test_acting_does_not_depend_on_the_company(extractor: FeatureExtractor) -> None:
