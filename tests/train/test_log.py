@@ -59,7 +59,7 @@ def test_numbers_that_json_cannot_hold_become_null(tmp_path: Path) -> None:
 def test_a_pipe_gets_one_whole_line_a_row(tmp_path: Path) -> None:
     lines = write(tmp_path, 0, row(10), row(20)).splitlines()
     assert len(lines) == 2
-    assert "20 episodes  success 0.500  failure 0.250  timeout 0.250  100 steps/s" in lines[1]
+    assert "20 episodes  success 50.0%  failure 25.0%  timeout 25.0%  100 steps/s" in lines[1]
 
 
 def test_a_window_averages_a_loss_over_the_updates_that_had_it() -> None:

@@ -46,7 +46,7 @@ _LAZY = {
 def register_envs() -> None:
     """Register the three tasks; doing it again changes nothing.
 
-    Called on import; also the package's entry point in the group `gymnasium.envs`.
+    Called on import.
     """
     for task in TASKS:
         env_id = f"vhs/{task.name}-v0"

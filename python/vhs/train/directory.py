@@ -35,11 +35,11 @@ def default_run_directory(config: Config) -> Path:
     return Path("runs") / f"{config.task}-{config.method.name}-seed{config.seed}"
 
 
-def open_run(config: Config, run: Path) -> None:
-    """Make the directory, or check that it holds a run of the same configuration.
+def check_run(config: Config, run: Path) -> None:
+    """Check that a directory is free, or holds a run of the same configuration.
 
     Raises:
-        CheckpointError: another configuration made the run, or the directory cannot be written.
+        CheckpointError: another configuration made the run.
     """
     if (run / CONFIG_NAME).exists():
         changed = _changed_keys(read_config(run), config) - MAY_CHANGE
@@ -48,6 +48,14 @@ def open_run(config: Config, run: Path) -> None:
                 f"{run}: holds a run with other values of {', '.join(sorted(changed))}; "
                 "give another --out, or the configuration it was made with"
             )
+
+
+def open_run(config: Config, run: Path) -> None:
+    """Make the directory and say in it what makes the run.
+
+    Raises:
+        CheckpointError: the directory cannot be written.
+    """
     try:
         run.mkdir(parents=True, exist_ok=True)
         _write(run / CONFIG_NAME, dump_config(config))

@@ -73,8 +73,7 @@ class RunLog:
         self._bar: TaskID | None = None
         if self._console.is_terminal:
             self._progress = Progress(
-                TextColumn("[bold]vhs"),
-                BarColumn(),
+                BarColumn(bar_width=8),
                 MofNCompleteColumn(),
                 TextColumn("{task.description}"),
                 TimeRemainingColumn(),
@@ -107,10 +106,8 @@ class RunLog:
             print(text, file=self._console.file, flush=True)
 
     def _show(self, row: Mapping[str, Any]) -> None:
-        line = (
-            f"success {row['rate/success']:.3f}  failure {row['rate/failure']:.3f}  "
-            f"timeout {row['rate/timeout']:.3f}  {row['speed/steps_per_s']:.0f} steps/s"
-        )
+        rates = "  ".join(f"{name} {row[f'rate/{name}']:.1%}" for name in ("success", "failure", "timeout"))
+        line = f"{rates}  {row['speed/steps_per_s']:.0f} steps/s"
         if self._progress is not None and self._bar is not None:
             self._progress.update(self._bar, description=line)
         else:

@@ -15,7 +15,7 @@ from vhs.config import Config
 from vhs.train.actor import Actor
 from vhs.train.build import check_runnable, make_buffer, make_envs, make_learner
 from vhs.train.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
-from vhs.train.directory import open_run
+from vhs.train.directory import check_run, open_run
 from vhs.train.interrupt import stop_on_signal
 from vhs.train.log import RunLog, Window
 from vhs.train.rollout import EndedEpisode, Rollout, episode_seeds
@@ -49,9 +49,10 @@ def train(config: Config, run: Path, stream: TextIO | None = None) -> bool:
         DivergenceError: the loss became infinite or NaN; the last checkpoint is untouched.
     """
     check_runnable(config)
-    open_run(config, run)
+    check_run(config, run)
     torch.set_num_threads(config.train.threads)
     session = _Session(config, run)
+    open_run(config, run)
     with (
         RunLog(run, config.train.episodes, session.progress.episodes, stream) as log,
         stop_on_signal() as stop,
