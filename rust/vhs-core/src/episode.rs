@@ -2,6 +2,8 @@
 //!
 //! Plain data: the rules of when a step may be appended are in `episodes`.
 
+#[cfg(doc)]
+use crate::episodes::EpisodeBuffer;
 use crate::error::{self, Result, check_range};
 use crate::goals::image_bytes;
 use crate::outcome::Outcome;

@@ -348,7 +348,8 @@ impl EpisodeBuffer {
 
     fn release(&mut self, episode: Episode) {
         self.steps -= episode.len();
-        self.free.extend(episode.frames);
+        // In reverse: slots are taken from the end, and memory likes to be written in its own order.
+        self.free.extend(episode.frames.into_iter().rev());
     }
 
     /// Copies a frame into a slot that no episode owns.
