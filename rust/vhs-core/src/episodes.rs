@@ -100,18 +100,8 @@ impl EpisodeBuffer {
                 found,
             });
         }
-        let frames = vec![self.store(frame)?];
-        let (actions, rewards, values) = (Vec::new(), Vec::new(), Vec::new());
-        let outcome = Outcome::Timeout; // Until `finish` says otherwise; nobody reads it before.
-        self.open[stream] = Some(Episode {
-            goal,
-            interaction,
-            outcome,
-            actions,
-            rewards,
-            values,
-            frames,
-        });
+        let first = self.store(frame)?;
+        self.open[stream] = Some(Episode::new(goal, interaction, first));
         Ok(())
     }
 
