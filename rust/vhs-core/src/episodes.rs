@@ -3,8 +3,8 @@
 //!
 //! A stream (one environment) goes Idle -> `begin` -> Open -> `append`* -> `finish` or `abort` ->
 //! Idle. An episode of T steps has frames 0..=T; observation t stacks frames t - k + 1 ..= t, and
-//! repeats frame 0 where that would reach before the episode (paper, section 4.1: two stacked
-//! frames), so no observation ever crosses an episode border.
+//! repeats frame 0 where that would reach before the episode (paper, appendix, "Implementation
+//! Details": a stack of two frames), so no observation ever crosses an episode border.
 //!
 //! Invariants: a frame belongs to exactly one episode; finished episodes have consecutive ids,
 //! given in the order of `finish`, and leave oldest first when room is needed; open episodes are
