@@ -56,7 +56,7 @@ class _RngState(TypedDict):
 
 @final
 class GoalStore:
-    """Images of achieved goals, by goal class (the paper's `D_g`).
+    """Images of achieved goals, by goal class (the paper's `D_g`, section 3.2).
 
     Each class is a ring: once it holds `capacity_per_class` images, the oldest makes room for the next. An
     image enters under the class the agent was *told* to reach; the class of a wrongly reached object is not
@@ -190,7 +190,7 @@ class GoalStore:
 
 @final
 class Prototypes:
-    """One mean feature vector a goal class (the paper's `p^x`, equation 4).
+    """One mean feature vector a goal class (the paper's `p^x`, section 4.1, equation 4).
 
     A running mean with momentum: `p = momentum * p + (1 - momentum) * mean(batch)` for each class of a batch;
     the first batch sets it. `momentum=0` is the paper's exact mean of the batch.
@@ -616,7 +616,7 @@ def relabel(
     on: Sequence[int | str] | None = None,
     probability: float = 0.8,
 ) -> Hindsight:
-    """Take what failed episodes reached as what they were told to reach (paper, section 3.4).
+    """Take what failed episodes reached as what they were told to reach (paper, section 4.2).
 
     An eligible episode gets, with the given probability, its own final observation as goal and the
     interaction of its last action as interaction. One number is drawn an episode, eligible or not.

@@ -5,6 +5,8 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Self
 
+from vhs._core import ArgumentError
+
 
 class Outcome(IntEnum):
     """How an episode ended; `info["outcome"]` holds the lower-case name."""
@@ -21,10 +23,10 @@ class Outcome(IntEnum):
         """The outcome called "success", "failure" or "timeout".
 
         Raises:
-            ValueError: For any other name.
+            ArgumentError: For any other name.
         """
         for outcome in cls:
             if outcome.name.lower() == name:
                 return outcome
         names = ", ".join(f'"{outcome.name.lower()}"' for outcome in cls)
-        raise ValueError(f"outcome name: expected one of {names}, got {name!r}")
+        raise ArgumentError(f"`name`: expected one of {names}, got {name!r}")

@@ -63,5 +63,7 @@ def test_outcomes_are_named() -> None:
         ("timeout", 2),
     ]
     assert vhs.Outcome.from_name("timeout") is vhs.Outcome.TIMEOUT
-    with pytest.raises(ValueError, match='expected one of "success", "failure", "timeout", got \'won\''):
+    with pytest.raises(
+        vhs.ArgumentError, match='expected one of "success", "failure", "timeout", got \'won\''
+    ):
         vhs.Outcome.from_name("won")

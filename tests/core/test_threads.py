@@ -19,6 +19,13 @@ def uniform_images(images: np.ndarray) -> bool:
     return bool((flat == flat[:, :1]).all())
 
 
+def small_buffer() -> vhs.EpisodeBuffer:
+    """Room for six long episodes, fed by two streams."""
+    return vhs.EpisodeBuffer(
+        SHAPE, num_streams=2, max_episode_steps=4, capacity_steps=24, num_goals=256, num_interactions=1
+    )
+
+
 def test_readers_of_a_goal_store_never_see_half_an_image() -> None:
     store, done = vhs.GoalStore(3, SHAPE, 4), Event()
     for label in range(3):
@@ -44,43 +51,42 @@ def test_readers_of_a_goal_store_never_see_half_an_image() -> None:
 
 
 def test_readers_of_episodes_see_whole_ones_while_others_are_evicted() -> None:
-    buffer, done = (
-        vhs.EpisodeBuffer(
-            SHAPE, num_streams=2, max_episode_steps=4, capacity_steps=24, num_goals=256, num_interactions=1
-        ),
-        Event(),
-    )
+    buffer, done = small_buffer(), Event()
 
-    def write(stream: int) -> None:
-        for episode in range(400):
-            goal = (2 * episode + stream) % 256
+    def write(stream: int) -> int:
+        """Plays until the reader has seen enough, and at least long enough to evict."""
+        episodes = 0
+        while not done.is_set() or episodes < 100:
+            goal = (2 * episodes + stream) % 256
             frame = np.full(SHAPE, goal, np.uint8)
             buffer.begin(stream, frame, goal, 0)
-            for _ in range(1 + episode % 4):
+            for _ in range(1 + episodes % 4):
                 buffer.append(stream, 0, 0.0, 0.0, frame)
             buffer.finish(stream, "success")
+            episodes += 1
+        return episodes
 
-    def read() -> int:
+    def read() -> None:
         batches = 0
-        while not done.is_set():
+        while batches < 300:
             try:
                 batch = buffer.sample_episodes(3)
-            except vhs.EmptyError:
+            except vhs.EmptyError:  # the writers have not come to their first episode yet
                 continue
             rows = np.repeat(batch.goals, batch.lengths + 1)
             assert uniform_images(batch.observations)
             assert (batch.observations[:, 0, 0, 0, 0] == rows).all()
             batches += 1
-        return batches
 
     with ThreadPoolExecutor(3) as pool:
-        reader = pool.submit(read)
         writers = [pool.submit(write, stream) for stream in range(2)]
-        for writer in writers:
-            writer.result(timeout=60)
-        done.set()
-        assert reader.result(timeout=60) > 0
-    assert buffer.ids[-1] == 799
+        try:
+            pool.submit(read).result(timeout=60)
+        finally:
+            done.set()
+        written = sum(writer.result(timeout=60) for writer in writers)
+    assert buffer.ids[-1] == written - 1
+    assert len(buffer) < written
 
 
 def test_collecting_and_writing_do_not_wait_for_each_other() -> None:

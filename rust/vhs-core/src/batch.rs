@@ -159,6 +159,28 @@ impl EpisodeBuffer {
     /// The draws come from the buffer's own generator: first the episodes, then one draw an episode
     /// for the rule.
     ///
+    /// ```
+    /// use vhs_core::episodes::{EpisodeBuffer, EpisodeConfig, Steps};
+    /// use vhs_core::outcome::Outcome;
+    /// use vhs_core::relabel::Rule;
+    /// # let mut buffer = EpisodeBuffer::new(EpisodeConfig {
+    /// #     frame_shape: vec![2], num_streams: 1, max_episode_steps: 20, capacity_steps: 100,
+    /// #     frame_stack: 2, num_goals: 5, num_interactions: 3, first_interaction_action: 3, seed: 0,
+    /// # })?;
+    /// buffer.begin(0, &[10, 11], 4, 0)?; // goal 4, interaction 0
+    /// let (streams, actions, rewards, values) = (&[0], &[5], &[-1.0], &[0.5]);
+    /// buffer.append(Steps { streams, actions, rewards, values, frames: &[20, 21] })?;
+    /// buffer.finish(0, Outcome::Failure)?;
+    ///
+    /// let rule = Rule::new([Outcome::Failure].into_iter().collect(), 1.0, 3)?;
+    /// let (batch, hindsight) = buffer.sample(1, Some(&rule))?;
+    /// let hindsight = hindsight.expect("a rule was given");
+    /// // The goal is now the final observation, row 1 of the batch, and action 5 did interaction 2.
+    /// assert_eq!((hindsight.goal_rows[0], hindsight.interactions[0]), (1, 2));
+    /// assert_eq!(batch.observations[4..], [10, 11, 20, 21]);
+    /// # Ok::<(), vhs_core::error::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// As [`EpisodeBuffer::draw_ids`] and [`EpisodeBuffer::gather`].
     pub fn sample(&mut self, n: usize, rule: Option<&Rule>) -> Result<(Batch, Option<Hindsight>)> {

@@ -2,6 +2,8 @@
 //!
 //! Plain data: the rules of when a step may be appended are in `episodes`.
 
+#[cfg(doc)]
+use crate::episodes::EpisodeBuffer;
 use crate::error::{self, Result, check_range};
 use crate::goals::image_bytes;
 use crate::outcome::Outcome;
@@ -91,6 +93,20 @@ pub struct Episode {
     reason = "a finished episode has at least one step"
 )]
 impl Episode {
+    /// An open episode whose first frame lies in this slot.
+    pub(crate) fn new(goal: i64, interaction: i64, first: usize) -> Self {
+        Self {
+            goal,
+            interaction,
+            // Until `finish` says otherwise; nobody reads it before.
+            outcome: Outcome::Timeout,
+            actions: Vec::new(),
+            rewards: Vec::new(),
+            values: Vec::new(),
+            frames: vec![first],
+        }
+    }
+
     /// Steps taken: T.
     #[must_use]
     pub const fn len(&self) -> usize {

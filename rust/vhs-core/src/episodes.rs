@@ -3,8 +3,8 @@
 //!
 //! A stream (one environment) goes Idle -> `begin` -> Open -> `append`* -> `finish` or `abort` ->
 //! Idle. An episode of T steps has frames 0..=T; observation t stacks frames t - k + 1 ..= t, and
-//! repeats frame 0 where that would reach before the episode (paper, section 4.1: two stacked
-//! frames), so no observation ever crosses an episode border.
+//! repeats frame 0 where that would reach before the episode (paper, appendix, "Implementation
+//! Details": a stack of two frames), so no observation ever crosses an episode border.
 //!
 //! Invariants: a frame belongs to exactly one episode; finished episodes have consecutive ids,
 //! given in the order of `finish`, and leave oldest first when room is needed; open episodes are
@@ -100,18 +100,8 @@ impl EpisodeBuffer {
                 found,
             });
         }
-        let frames = vec![self.store(frame)?];
-        let (actions, rewards, values) = (Vec::new(), Vec::new(), Vec::new());
-        let outcome = Outcome::Timeout; // Until `finish` says otherwise; nobody reads it before.
-        self.open[stream] = Some(Episode {
-            goal,
-            interaction,
-            outcome,
-            actions,
-            rewards,
-            values,
-            frames,
-        });
+        let first = self.store(frame)?;
+        self.open[stream] = Some(Episode::new(goal, interaction, first));
         Ok(())
     }
 
@@ -348,7 +338,8 @@ impl EpisodeBuffer {
 
     fn release(&mut self, episode: Episode) {
         self.steps -= episode.len();
-        self.free.extend(episode.frames);
+        // In reverse: slots are taken from the end, and memory likes to be written in its own order.
+        self.free.extend(episode.frames.into_iter().rev());
     }
 
     /// Copies a frame into a slot that no episode owns.

@@ -25,6 +25,19 @@ impl GoalStore {
     /// A reader, or a machine that loses power, sees the old file or the new one, never half of
     /// either. The images are written from where they lie; no second copy is made.
     ///
+    /// ```
+    /// use vhs_core::goals::{Balance, GoalStore};
+    /// let mut store = GoalStore::new(5, &[2, 84, 84, 3], 2000, 0)?;
+    /// store.push(&vec![7; 2 * 84 * 84 * 3], 3)?;
+    /// let path = std::env::temp_dir().join("documented.goals");
+    /// store.save(&path)?;
+    /// let mut loaded = GoalStore::load(&path)?;
+    /// let batch = loaded.sample(8, Balance::Images)?;
+    /// assert_eq!(batch, store.sample(8, Balance::Images)?); // the generator is part of the file
+    /// # std::fs::remove_file(&path).expect("our own file");
+    /// # Ok::<(), vhs_core::error::Error>(())
+    /// ```
+    ///
     /// # Errors
     /// [`Error::Io`]; the file at `path` is then as it was.
     pub fn save(&self, path: &Path) -> Result<()> {

@@ -1,4 +1,4 @@
-//! Goal prototypes `p^x` (paper, section 3.3, equation 4): for each class the mean feature of its
+//! Goal prototypes `p^x` (paper, section 4.1, equation 4): for each class the mean feature of its
 //! goal images.
 //!
 //! The default is a running mean, `p := m p + (1 - m) mean(batch)`, over features that the

@@ -1,6 +1,6 @@
 //! Hindsight relabelling: what a failed episode reached is taken as what it was told to reach.
 //!
-//! The one place with the rule (paper, section 3.4; Andrychowicz et al. 2017, strategy "final"): an
+//! The one place with the rule (paper, section 4.2; Andrychowicz et al. 2017, strategy "final"): an
 //! episode whose outcome is eligible is relabelled with the given probability. Its goal becomes its
 //! own final observation `o_T`, its interaction the one its last action did. Timeouts are not
 //! relabelled by default: they end anywhere, not at an object. Only row numbers are computed here;

@@ -164,6 +164,19 @@ mod tests {
     }
 
     #[test]
+    #[cfg(target_pointer_width = "64")]
+    fn below_favours_no_number_where_limits_are_large() {
+        // Scaling 64 random bits to 3 * 2^62 numbers gives the multiples of 3 two chances each, unless
+        // some draws are rejected: they would be half of all instead of a third.
+        let (limit, mut rng) = (3_usize << 62, Rng::new(5));
+        let multiples = (0..9000)
+            .filter(|_| rng.below(limit).is_multiple_of(3))
+            .count();
+        // 3,000 expected, standard deviation 45: six of them.
+        assert!(multiples.abs_diff(3000) < 270, "{multiples}");
+    }
+
+    #[test]
     fn normal_draws_have_mean_zero_and_variance_one() {
         let mut draws = vec![0.0; 100_001];
         Rng::new(1).fill_normal(&mut draws);

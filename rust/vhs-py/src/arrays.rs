@@ -49,12 +49,14 @@ pub(crate) fn exact<'py, T: Element>(
     readonly(field, typed)
 }
 
-/// Integers as int64.
+/// A one-dimensional array of integers as int64.
 pub(crate) fn integers<'py>(
     field: &'static str,
     argument: &Bound<'py, PyAny>,
 ) -> PyResult<PyReadonlyArrayDyn<'py, i64>> {
-    converted(field, argument, "iu", "integers")
+    let array = converted(field, argument, "iu", "integers")?;
+    check_vector(field, array.shape())?;
+    Ok(array)
 }
 
 /// Real numbers as float32.
@@ -65,11 +67,9 @@ pub(crate) fn reals<'py>(
     converted(field, argument, "fiu", "real numbers")
 }
 
-/// A one-dimensional array of integers as a vector, where it must outlive the borrow.
+/// As `integers`, where the numbers must outlive the borrow.
 pub(crate) fn integer_vec(field: &'static str, argument: &Bound<'_, PyAny>) -> PyResult<Vec<i64>> {
-    let array = integers(field, argument)?;
-    check_vector(field, array.shape())?;
-    Ok(slice(&array).to_vec())
+    Ok(slice(&integers(field, argument)?).to_vec())
 }
 
 /// Refuses what is not one-dimensional.
@@ -82,8 +82,27 @@ pub(crate) fn slice<'a, T: Element>(array: &'a PyReadonlyArrayDyn<'_, T>) -> &'a
     array.as_slice().unwrap_or_default()
 }
 
+/// A result as an array of this shape: made by `fresh`, or written by `into` where there is an `out`.
+///
+/// Both may return something else beside the array's elements.
+pub(crate) fn filled<'py, T: Element, X>(
+    py: Python<'py>,
+    out: Option<&Bound<'py, PyAny>>,
+    shape: &[usize],
+    fresh: impl FnOnce() -> PyResult<(Vec<T>, X)>,
+    into: impl FnOnce(&mut [T]) -> PyResult<X>,
+) -> PyResult<(Bound<'py, PyAny>, X)> {
+    let Some(out) = out else {
+        let (items, beside) = fresh()?;
+        return Ok((into_array(py, items, shape)?.into_any(), beside));
+    };
+    let mut room = exclusive(out, shape)?;
+    let beside = into(room.as_slice_mut()?)?;
+    Ok((out.clone(), beside))
+}
+
 /// A caller's `out` array: this type and shape, contiguous, writable.
-pub(crate) fn exclusive<'py, T: Element>(
+fn exclusive<'py, T: Element>(
     argument: &Bound<'py, PyAny>,
     expected: &[usize],
 ) -> PyResult<PyReadwriteArrayDyn<'py, T>> {

@@ -2,15 +2,17 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use numpy::{PyArrayDyn, PyUntypedArrayMethods};
+use numpy::{PyArrayDyn, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySlice, PyTuple};
+use vhs_core::batch::Batch;
 use vhs_core::episodes::{self as core, EpisodeConfig, Steps};
-use vhs_core::error::check_shape;
+use vhs_core::error::{Result, check_shape};
+use vhs_core::relabel::Hindsight;
 
 use crate::arrays::{
-    check_vector, checked, detached, exact, exclusive, exclusive_rows, integer, integer_vec,
-    integers, into_array, reals, rng_from_state, rows, seed, shape, size, slice,
+    check_vector, checked, detached, exact, exclusive_rows, filled, integer, integer_vec, integers,
+    into_array, reals, rng_from_state, rows, seed, shape, size, slice,
 };
 use crate::batch::EpisodeBatch;
 use crate::relabel::{outcome, rule};
@@ -34,10 +36,48 @@ impl EpisodeBuffer {
         rows(self.config.frame_stack, &self.config.frame_shape)
     }
 
+    /// A call of the core, with the interpreter released.
+    fn run<R: Send>(
+        &self,
+        py: Python<'_>,
+        call: impl FnOnce(&mut core::EpisodeBuffer) -> Result<R> + Send,
+    ) -> PyResult<R> {
+        checked(detached(py, &self.inner, call))
+    }
+
+    /// A batch of the core as arrays.
+    fn batch(
+        &self,
+        py: Python<'_>,
+        batch: Batch,
+        hindsight: Option<Hindsight>,
+    ) -> PyResult<EpisodeBatch> {
+        let shape = rows(batch.index.rows, &self.row());
+        let observations = into_array(py, batch.observations, &shape)?.into_any();
+        EpisodeBatch::from_core(
+            observations,
+            batch.index,
+            hindsight,
+            self.first_interaction_action(),
+        )
+    }
+
     fn first_interaction_action(&self) -> i64 {
         i64::try_from(self.config.first_interaction_action).unwrap_or(i64::MAX)
     }
 
+    /// A frame argument, checked.
+    fn frame<'py>(&self, frame: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArrayDyn<'py, u8>> {
+        let frame = exact::<u8>("frame", frame)?;
+        checked(check_shape(
+            "frame",
+            &self.config.frame_shape,
+            frame.shape(),
+        ))?;
+        Ok(frame)
+    }
+
+    /// The streams of an argument; None means all.
     fn all_streams(&self, streams: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<i64>> {
         let all = || Ok((0..).take(self.config.num_streams).collect());
         streams.map_or_else(all, |streams| integer_vec("streams", streams))
@@ -92,17 +132,10 @@ impl EpisodeBuffer {
         goal: &Bound<'_, PyAny>,
         interaction: &Bound<'_, PyAny>,
     ) -> PyResult<()> {
-        let (stream, frame) = (integer("stream", stream)?, exact::<u8>("frame", frame)?);
+        let (stream, frame) = (integer("stream", stream)?, self.frame(frame)?);
         let (goal, interaction) = (integer("goal", goal)?, integer("interaction", interaction)?);
-        checked(check_shape(
-            "frame",
-            &self.config.frame_shape,
-            frame.shape(),
-        ))?;
         let frame = slice(&frame);
-        checked(detached(py, &self.inner, |buffer| {
-            buffer.begin(stream, frame, goal, interaction)
-        }))
+        self.run(py, |buffer| buffer.begin(stream, frame, goal, interaction))
     }
 
     fn append(
@@ -115,23 +148,16 @@ impl EpisodeBuffer {
         frame: &Bound<'_, PyAny>,
     ) -> PyResult<()> {
         let (stream, action) = (integer("stream", stream)?, integer("action", action)?);
-        let frame = exact::<u8>("frame", frame)?;
-        checked(check_shape(
-            "frame",
-            &self.config.frame_shape,
-            frame.shape(),
-        ))?;
-        let frames = slice(&frame);
+        let frame = self.frame(frame)?;
         let (streams, actions, rewards, values) = (&[stream], &[action], &[reward], &[value]);
-        checked(detached(py, &self.inner, |buffer| {
-            buffer.append(Steps {
-                streams,
-                actions,
-                rewards,
-                values,
-                frames,
-            })
-        }))
+        let steps = Steps {
+            streams,
+            actions,
+            rewards,
+            values,
+            frames: slice(&frame),
+        };
+        self.run(py, |buffer| buffer.append(steps))
     }
 
     fn append_batch(
@@ -146,26 +172,19 @@ impl EpisodeBuffer {
         let (streams, actions) = (integers("streams", streams)?, integers("actions", actions)?);
         let (rewards, values) = (reals("rewards", rewards)?, reals("values", values)?);
         let frames = exact::<u8>("frames", frames)?;
-        check_vector("streams", streams.shape())?;
-        checked(check_shape("actions", streams.shape(), actions.shape()))?;
-        checked(check_shape("rewards", streams.shape(), rewards.shape()))?;
-        checked(check_shape("values", streams.shape(), values.shape()))?;
-        checked(check_shape(
-            "frames",
-            &rows(streams.len(), &self.config.frame_shape),
-            frames.shape(),
-        ))?;
-        let (streams, actions, rewards) = (slice(&streams), slice(&actions), slice(&rewards));
-        let (values, frames) = (slice(&values), slice(&frames));
-        checked(detached(py, &self.inner, |buffer| {
-            buffer.append(Steps {
-                streams,
-                actions,
-                rewards,
-                values,
-                frames,
-            })
-        }))
+        // The core compares the lengths; it cannot see whether an array has more dimensions.
+        check_vector("rewards", rewards.shape())?;
+        check_vector("values", values.shape())?;
+        let batch = rows(streams.len(), &self.config.frame_shape);
+        checked(check_shape("frames", &batch, frames.shape()))?;
+        let steps = Steps {
+            streams: slice(&streams),
+            actions: slice(&actions),
+            rewards: slice(&rewards),
+            values: slice(&values),
+            frames: slice(&frames),
+        };
+        self.run(py, |buffer| buffer.append(steps))
     }
 
     fn finish(
@@ -175,14 +194,12 @@ impl EpisodeBuffer {
         outcome: &Bound<'_, PyAny>,
     ) -> PyResult<i64> {
         let (stream, outcome) = (integer("stream", stream)?, self::outcome(outcome)?);
-        checked(detached(py, &self.inner, |buffer| {
-            buffer.finish(stream, outcome)
-        }))
+        self.run(py, |buffer| buffer.finish(stream, outcome))
     }
 
     fn abort(&self, py: Python<'_>, stream: &Bound<'_, PyAny>) -> PyResult<()> {
         let stream = integer("stream", stream)?;
-        checked(detached(py, &self.inner, |buffer| buffer.abort(stream)))
+        self.run(py, |buffer| buffer.abort(stream))
     }
 
     #[pyo3(signature = (streams=None, *, out=None))]
@@ -193,18 +210,9 @@ impl EpisodeBuffer {
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let streams = self.all_streams(streams)?;
-        let shape = rows(streams.len(), &self.row());
-        let Some(out) = out else {
-            let observations =
-                checked(detached(py, &self.inner, |buffer| buffer.observe(&streams)))?;
-            return Ok(into_array(py, observations, &shape)?.into_any());
-        };
-        let mut observations = exclusive::<u8>(out, &shape)?;
-        let observations = observations.as_slice_mut()?;
-        checked(detached(py, &self.inner, |buffer| {
-            buffer.observe_into(&streams, observations)
-        }))?;
-        Ok(out.clone())
+        let fresh = || self.run(py, |buffer| Ok((buffer.observe(&streams)?, ())));
+        let into = |out: &mut [u8]| self.run(py, |buffer| buffer.observe_into(&streams, out));
+        Ok(filled(py, out, &rows(streams.len(), &self.row()), fresh, into)?.0)
     }
 
     #[pyo3(signature = (ids, *, out=None))]
@@ -216,29 +224,13 @@ impl EpisodeBuffer {
     ) -> PyResult<EpisodeBatch> {
         let ids = integer_vec("ids", ids)?;
         let Some(out) = out else {
-            let batch = checked(detached(py, &self.inner, |buffer| buffer.gather(&ids)))?;
-            let observations =
-                into_array(py, batch.observations, &rows(batch.index.rows, &self.row()))?
-                    .into_any();
-            return EpisodeBatch::from_core(
-                observations,
-                batch.index,
-                None,
-                self.first_interaction_action(),
-            );
+            return self.batch(py, self.run(py, |buffer| buffer.gather(&ids))?, None);
         };
         let mut room = exclusive_rows::<u8>(out, &self.row())?;
         let room = room.as_slice_mut()?;
-        let index = checked(detached(py, &self.inner, |buffer| {
-            buffer.gather_into(&ids, room)
-        }))?;
-        let used = PySlice::new(py, 0, isize::try_from(index.rows)?, 1);
-        EpisodeBatch::from_core(
-            out.get_item(used)?,
-            index,
-            None,
-            self.first_interaction_action(),
-        )
+        let index = self.run(py, |buffer| buffer.gather_into(&ids, room))?;
+        let used = out.get_item(PySlice::new(py, 0, isize::try_from(index.rows)?, 1))?;
+        EpisodeBatch::from_core(used, index, None, self.first_interaction_action())
     }
 
     #[pyo3(signature = (n, relabel=None, probability=1.0, on=None))]
@@ -254,12 +246,8 @@ impl EpisodeBuffer {
         let rule = relabel
             .map(|strategy| rule(strategy, on, probability, first))
             .transpose()?;
-        let (batch, hindsight) = checked(detached(py, &self.inner, |buffer| {
-            buffer.sample(n, rule.as_ref())
-        }))?;
-        let observations =
-            into_array(py, batch.observations, &rows(batch.index.rows, &self.row()))?.into_any();
-        EpisodeBatch::from_core(observations, batch.index, hindsight, first)
+        let (batch, hindsight) = self.run(py, |buffer| buffer.sample(n, rule.as_ref()))?;
+        self.batch(py, batch, hindsight)
     }
 
     fn state_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {

@@ -6,11 +6,11 @@ use std::sync::Mutex;
 use numpy::{PyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
-use vhs_core::error::check_shape;
+use vhs_core::error::{Result, check_shape};
 use vhs_core::goals::{self as core, Balance};
 
 use crate::arrays::{
-    checked, detached, exact, exclusive, integer, integer_vec, into_array, rows, seed, shape, size,
+    checked, detached, exact, filled, integer, integer_vec, into_array, rows, seed, shape, size,
     slice,
 };
 use crate::episodes::EpisodeBuffer;
@@ -32,6 +32,17 @@ impl From<core::GoalStore> for GoalStore {
             inner: Mutex::new(store),
             shape,
         }
+    }
+}
+
+impl GoalStore {
+    /// A call of the core, with the interpreter released.
+    fn run<R: Send>(
+        &self,
+        py: Python<'_>,
+        call: impl FnOnce(&mut core::GoalStore) -> Result<R> + Send,
+    ) -> PyResult<R> {
+        checked(detached(py, &self.inner, call))
     }
 }
 
@@ -77,9 +88,9 @@ impl GoalStore {
         let ids = integer_vec("ids", ids)?;
         // Always the store before the buffer: no other call holds two locks, so none can wait in a
         // circle.
-        checked(detached(py, &self.inner, |store| {
+        self.run(py, |store| {
             buffer.with_core(|buffer| store.collect(buffer, &ids))
-        }))
+        })
     }
 
     #[pyo3(signature = (n, *, balanced=true, out=None))]
@@ -90,28 +101,17 @@ impl GoalStore {
         balanced: bool,
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Sample<'py>> {
-        let (n, balance) = (
-            size("n", n)?,
-            if balanced {
-                Balance::Classes
-            } else {
-                Balance::Images
-            },
-        );
-        let Some(out) = out else {
-            let (images, labels) =
-                checked(detached(py, &self.inner, |store| store.sample(n, balance)))?;
-            return Ok((
-                into_array(py, images, &rows(n, &self.shape))?.into_any(),
-                into_array(py, labels, &[n])?,
-            ));
+        let n = size("n", n)?;
+        let shape = rows(n, &self.shape);
+        let balance = if balanced {
+            Balance::Classes
+        } else {
+            Balance::Images
         };
-        let mut images = exclusive::<u8>(out, &rows(n, &self.shape))?;
-        let images = images.as_slice_mut()?;
-        let labels = checked(detached(py, &self.inner, |store| {
-            store.sample_into(n, balance, images)
-        }))?;
-        Ok((out.clone(), into_array(py, labels, &[n])?))
+        let fresh = || self.run(py, |store| store.sample(n, balance));
+        let into = |out: &mut [u8]| self.run(py, |store| store.sample_into(n, balance, out));
+        let (images, labels) = filled(py, out, &shape, fresh, into)?;
+        Ok((images, into_array(py, labels, &[n])?))
     }
 
     #[pyo3(signature = (label, n, *, out=None))]
@@ -123,18 +123,9 @@ impl GoalStore {
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let (label, n) = (integer("label", label)?, size("n", n)?);
-        let Some(out) = out else {
-            let images = checked(detached(py, &self.inner, |store| {
-                store.sample_class(label, n)
-            }))?;
-            return Ok(into_array(py, images, &rows(n, &self.shape))?.into_any());
-        };
-        let mut images = exclusive::<u8>(out, &rows(n, &self.shape))?;
-        let images = images.as_slice_mut()?;
-        checked(detached(py, &self.inner, |store| {
-            store.sample_class_into(label, n, images)
-        }))?;
-        Ok(out.clone())
+        let fresh = || self.run(py, |store| Ok((store.sample_class(label, n)?, ())));
+        let into = |out: &mut [u8]| self.run(py, |store| store.sample_class_into(label, n, out));
+        Ok(filled(py, out, &rows(n, &self.shape), fresh, into)?.0)
     }
 
     #[expect(
@@ -142,7 +133,7 @@ impl GoalStore {
         reason = "made from a Python path for this call"
     )]
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        checked(detached(py, &self.inner, |store| store.save(&path)))
+        self.run(py, |store| store.save(&path))
     }
 
     #[staticmethod]

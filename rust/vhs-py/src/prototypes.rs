@@ -5,12 +5,12 @@ use std::sync::Mutex;
 use numpy::{PyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use vhs_core::error::check_shape;
+use vhs_core::error::{Result, check_shape};
 use vhs_core::prototypes as core;
 
 use crate::arrays::{
-    check_vector, checked, detached, exact, exclusive, integer_vec, into_array, reals,
-    rng_from_state, seed, size, slice,
+    check_vector, checked, detached, exact, filled, integer_vec, into_array, reals, rng_from_state,
+    seed, size, slice,
 };
 
 /// One mean feature vector a goal class; see the stub for its documentation.
@@ -19,6 +19,17 @@ pub(crate) struct Prototypes {
     inner: Mutex<core::Prototypes>,
     num_classes: usize,
     dim: usize,
+}
+
+impl Prototypes {
+    /// A call of the core, with the interpreter released.
+    fn run<R: Send>(
+        &self,
+        py: Python<'_>,
+        call: impl FnOnce(&mut core::Prototypes) -> Result<R> + Send,
+    ) -> PyResult<R> {
+        checked(detached(py, &self.inner, call))
+    }
 }
 
 #[pymethods]
@@ -60,9 +71,7 @@ impl Prototypes {
             features.shape(),
         ))?;
         let features = slice(&features);
-        checked(detached(py, &self.inner, |table| {
-            table.update(features, &labels)
-        }))
+        self.run(py, |table| table.update(features, &labels))
     }
 
     #[pyo3(signature = (labels, *, out=None))]
@@ -73,17 +82,9 @@ impl Prototypes {
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let labels = integer_vec("labels", labels)?;
-        let shape = [labels.len(), self.dim];
-        let Some(out) = out else {
-            let rows = checked(detached(py, &self.inner, |table| table.embed(&labels)))?;
-            return Ok(into_array(py, rows, &shape)?.into_any());
-        };
-        let mut rows = exclusive::<f32>(out, &shape)?;
-        let rows = rows.as_slice_mut()?;
-        checked(detached(py, &self.inner, |table| {
-            table.embed_into(&labels, rows)
-        }))?;
-        Ok(out.clone())
+        let fresh = || self.run(py, |table| Ok((table.embed(&labels)?, ())));
+        let into = |out: &mut [f32]| self.run(py, |table| table.embed_into(&labels, out));
+        Ok(filled(py, out, &[labels.len(), self.dim], fresh, into)?.0)
     }
 
     fn state_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {

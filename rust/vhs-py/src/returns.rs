@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use vhs_core::error::check_shape;
 use vhs_core::returns as core;
 
-use crate::arrays::{checked, exclusive, integer_vec, into_array, reals, slice};
+use crate::arrays::{checked, filled, integer_vec, reals, slice};
 
 /// Monte-Carlo returns of padded episodes; see the stub for its documentation.
 #[pyfunction]
@@ -22,15 +22,12 @@ pub(crate) fn discounted_returns<'py>(
     let shape = [lengths.len(), longest];
     checked(check_shape("rewards", &shape, rewards.shape()))?;
     let rewards = slice(&rewards);
-    let Some(out) = out else {
-        let returns =
-            checked(py.detach(|| core::discounted_returns(rewards, longest, &lengths, gamma)))?;
-        return Ok(into_array(py, returns, &shape)?.into_any());
+    let fresh = || {
+        let returns = py.detach(|| core::discounted_returns(rewards, longest, &lengths, gamma));
+        Ok((checked(returns)?, ()))
     };
-    let mut returns = exclusive::<f32>(out, &shape)?;
-    let returns = returns.as_slice_mut()?;
-    checked(
-        py.detach(|| core::discounted_returns_into(rewards, longest, &lengths, gamma, returns)),
-    )?;
-    Ok(out.clone())
+    let into = |out: &mut [f32]| {
+        checked(py.detach(|| core::discounted_returns_into(rewards, longest, &lengths, gamma, out)))
+    };
+    Ok(filled(py, out, &shape, fresh, into)?.0)
 }

@@ -148,6 +148,17 @@ fn the_rest_of_a_division_falls_on_random_classes() {
 }
 
 #[test]
+fn balanced_batches_come_in_random_order() {
+    let (mut store, _) = filled(&[0, 1], 8, 1);
+    let (_, labels) = store
+        .sample(400, Balance::Classes)
+        .expect("images are stored");
+    let changes = labels.windows(2).filter(|pair| pair[0] != pair[1]).count();
+    // 200 expected, standard deviation 10: six of them. Classes in turn would give 399, in blocks 1.
+    assert!(changes.abs_diff(200) < 60, "{changes}");
+}
+
+#[test]
 fn memory_grows_with_the_rings() {
     let mut store = GoalStore::new(5, &[1000], 1 << 30, 0).expect("sizes that fit");
     assert_eq!(store.allocated_bytes(), 0);

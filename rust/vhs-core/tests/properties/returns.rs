@@ -1,7 +1,7 @@
 //! Discounted returns against their definition as a sum.
 
 use proptest::prelude::*;
-use vhs_core::returns::discounted_returns;
+use vhs_core::returns::{discounted_returns, discounted_returns_into};
 
 use crate::support::naive;
 
@@ -27,4 +27,11 @@ fn padding_is_neither_read_nor_kept() {
     let returns =
         discounted_returns(&[1.0, f32::NAN], 2, &[1], 0.9).expect("NaN lies after the end");
     assert_eq!(returns, [1.0, 0.0]);
+}
+
+#[test]
+fn what_was_in_the_callers_memory_is_gone() {
+    let mut out = [9.0; 3];
+    discounted_returns_into(&[1.0, 1.0, 1.0], 3, &[1], 0.9, &mut out).expect("a valid episode");
+    assert_eq!(out.to_vec(), [1.0, 0.0, 0.0]);
 }
