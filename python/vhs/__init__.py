@@ -23,12 +23,11 @@ from vhs._core import (
     Rng,
     ShapeError,
     VhsError,
+    __version__,
     discounted_returns,
     relabel,
 )
 from vhs.outcome import Outcome
-
-__version__ = "0.1.0"
 
 __all__ = [
     "ArgumentError",

@@ -46,6 +46,8 @@ __all__ = [
     "relabel",
 ]
 
+__version__: str
+
 class _PrototypesState(TypedDict):
     table: NDArray[np.float32]
     seen: NDArray[np.bool_]

@@ -36,6 +36,8 @@ mod _core {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        // The version is written once, in Cargo.toml.
+        module.add("__version__", env!("CARGO_PKG_VERSION"))?;
         crate::error::register(module)
     }
 }
