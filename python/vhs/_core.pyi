@@ -42,6 +42,7 @@ __all__ = [
     "Rng",
     "ShapeError",
     "VhsError",
+    "__version__",
     "discounted_returns",
     "relabel",
 ]
