@@ -11,6 +11,7 @@ from vhs import EpisodeBuffer, Outcome
 from vhs.models import FeatureExtractor, GoalAgent
 from vhs.train.actor import Actor
 from vhs.train.rollout import EndedEpisode, Rollout, episode_seeds
+from vhs.train.rooms import LocalRooms
 
 FRAME = (16, 16, 3)
 
@@ -76,7 +77,9 @@ def make_rollout(seeds: list[int], streams: int = 3, greedy: bool = False) -> tu
         greedy=greedy,
     )
     envs = [CountingRoom() for _ in range(streams)]
-    return Rollout(envs, actor, buffer, lambda goal: torch.full((8,), float(goal)), iter(seeds)), buffer
+    return Rollout(
+        LocalRooms(envs), streams, actor, buffer, lambda goal: torch.full((8,), float(goal)), iter(seeds)
+    ), buffer
 
 
 def play(rollout: Rollout) -> list[EndedEpisode]:

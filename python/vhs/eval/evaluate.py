@@ -25,6 +25,7 @@ from vhs.train.checkpoint import load_checkpoint
 from vhs.train.directory import read_config
 from vhs.train.log import summarise
 from vhs.train.rollout import EndedEpisode, Rollout, episode_seeds
+from vhs.train.rooms import LocalRooms
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +103,7 @@ def _play(
     actor = Actor(learner.agent, len(envs), dtype=learner.dtype, generator=generator, greedy=greedy)
     buffer = make_buffer(config, envs[0], len(envs), len(envs))
     seeds = islice(episode_seeds(seed, purpose=1), episodes)
-    rollout = Rollout(envs, actor, buffer, learner.embed_goal, seeds)
+    rollout = Rollout(LocalRooms(envs), len(envs), actor, buffer, learner.embed_goal, seeds)
     ended: list[EndedEpisode] = []
     while not rollout.is_done:
         ended += rollout.step()

@@ -19,6 +19,7 @@ from vhs.train.directory import check_run, open_run
 from vhs.train.interrupt import stop_on_signal
 from vhs.train.log import RunLog, Window
 from vhs.train.rollout import EndedEpisode, Rollout, episode_seeds
+from vhs.train.rooms import LocalRooms
 
 
 @dataclass(slots=True)
@@ -88,7 +89,9 @@ class _Session:
         actor = Actor(self._learner.agent, len(envs), dtype=self._learner.dtype, generator=self._generator)
         self._begun_before = self.progress.begun
         seeds = episode_seeds(config.seed, first=self._begun_before)
-        self._rollout = Rollout(envs, actor, self._buffer, self._learner.embed_goal, seeds)
+        self._rollout = Rollout(
+            LocalRooms(envs), len(envs), actor, self._buffer, self._learner.embed_goal, seeds
+        )
         self._waiting: deque[EndedEpisode] = deque()
         self._window = Window()
         self._clock = self._row_clock = self._save_clock = time.monotonic()

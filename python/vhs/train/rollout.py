@@ -1,22 +1,23 @@
-"""Episodes from rooms stepped side by side in this process: the way of one step.
+"""Episodes from many rooms: the way of one step.
 
-frames -> stacked observation (`EpisodeBuffer.observe`) -> one batched inference (`Actor.act`) -> every room
-steps -> frames and rewards back into the buffer -> ended episodes to the caller. Training and evaluation
-share it.
+answers of the rooms -> frames and rewards into the buffer -> stacked observations (`EpisodeBuffer.observe`)
+-> one batched inference (`Actor.act`) -> actions to the rooms; ended episodes to the caller. Training and
+evaluation share it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import gymnasium
 import numpy as np
+from numpy.typing import NDArray
 from torch import Tensor
 
 from vhs import EpisodeBuffer, Outcome
 from vhs.train.actor import Actor
+from vhs.train.rooms import Answers, Rooms
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,81 +49,111 @@ class _Running:
 
 
 class Rollout:
-    """Steps environments together; each begins its next episode with the next seed, while there is one.
+    """Plays episodes in many rooms; a room begins its next one with the next seed, while there is one.
 
-    `begun` counts the episodes begun, and so the seeds taken.
+    `begun` counts the seeds taken, `cut` the episodes that were lost with their worker.
     """
 
     def __init__(
         self,
-        envs: Sequence[gymnasium.Env[Any, Any]],
+        rooms: Rooms,
+        num_streams: int,
         actor: Actor,
         buffer: EpisodeBuffer,
         embed_goal: Callable[[int], Tensor],
         seeds: Iterator[int],
     ) -> None:
-        """Begin an episode in every environment, as far as the seeds go.
+        """Begin an episode in every room, as far as the seeds go.
 
         Args:
-            envs: room environments, one a stream of `buffer` and of `actor`.
+            rooms: who steps the environments, one a stream of `buffer` and of `actor`.
+            num_streams: how many there are.
             actor: chooses actions.
             buffer: takes the frames.
             embed_goal: goal class to goal embedding of shape [feature_dim], called once an episode.
             seeds: one for each episode, taken in the order in which episodes begin.
         """
-        self._envs = envs
+        self._rooms = rooms
         self._actor = actor
         self._buffer = buffer
         self._embed_goal = embed_goal
         self._seeds = seeds
         self._running: dict[int, _Running] = {}
+        # The action under way in each room, and the critic's value when it was chosen.
+        self._actions = np.zeros(num_streams, dtype=np.int64)
+        self._values = np.zeros(num_streams, dtype=np.float32)
+        self._under_way = 0
         self.begun = 0
-        for stream in range(len(envs)):
-            self._begin(stream)
+        self.cut = 0
+        self._reset(range(num_streams))
 
     @property
     def is_done(self) -> bool:
         """Whether no episode is running and no seed is left."""
-        return not self._running
+        return self._under_way == 0
 
     def step(self) -> list[EndedEpisode]:
-        """Take one action in every running episode.
+        """Take what the rooms have answered, and send them their next commands.
+
+        The rooms are at work when this returns: what the caller does next overlaps with it.
 
         Returns:
-            The episodes that this step ended, in the order of their streams.
+            The episodes that ended, in the order of their streams.
         """
-        streams = np.fromiter(self._running, dtype=np.int64)
-        actions, values = self._actor.act(streams, self._buffer.observe(streams))
-        results = [self._envs[s].step(a) for s, a in zip(streams.tolist(), actions.tolist(), strict=True)]
-        frames = np.stack([result[0]["image"] for result in results])
-        rewards = np.array([result[1] for result in results], dtype=np.float32)
-        self._buffer.append_batch(streams, actions, rewards, values, frames)
-        ended = []
-        for stream, (_, reward, terminated, truncated, info) in zip(streams.tolist(), results, strict=True):
-            episode = self._running[stream]
-            episode.steps += 1
-            episode.episode_return += float(reward)
-            if terminated or truncated:
-                ended.append(self._finish(stream, info))
+        answers = self._rooms.recv()
+        self._under_way -= len(answers.streams)
+        self._begin(answers)
+        self._append(answers)
+        rows = np.flatnonzero(answers.is_end).tolist()
+        ended = [self._finish(int(answers.streams[row]), answers.infos[row]) for row in rows]
+        self._reset([int(answers.streams[row]) for row in rows])
+        self._act(answers.streams[~answers.is_end])
         return ended
 
-    def _begin(self, stream: int) -> None:
-        seed = next(self._seeds, None)
-        if seed is None:
-            self._running.pop(stream, None)
+    def _reset(self, streams: Iterable[int]) -> None:
+        pairs = [(stream, seed) for stream, seed in zip(streams, self._seeds, strict=False)]
+        self.begun += len(pairs)
+        self._under_way += len(pairs)
+        if pairs:
+            self._rooms.reset(*zip(*pairs, strict=True))
+
+    def _begin(self, answers: Answers) -> None:
+        for row in np.flatnonzero(answers.is_first).tolist():
+            stream = int(answers.streams[row])
+            if answers.is_cut[row] and self._running.pop(stream, None) is not None:
+                self._buffer.abort(stream)
+                self.cut += 1
+            goal, interaction = int(answers.goals[row]), int(answers.interactions[row])
+            embedding = self._embed_goal(goal)
+            self._buffer.begin(stream, answers.images[row], goal, interaction)
+            self._actor.begin(stream, embedding, interaction)
+            self._running[stream] = _Running(answers.seeds[row], goal, interaction, embedding)
+
+    def _append(self, answers: Answers) -> None:
+        rows = np.flatnonzero(~answers.is_first)
+        if not len(rows):
             return
-        self.begun += 1
-        observation, _ = self._envs[stream].reset(seed=seed)
-        goal, interaction = int(observation["goal"]), int(observation["interaction"])
-        embedding = self._embed_goal(goal)
-        self._buffer.begin(stream, observation["image"], goal, interaction)
-        self._actor.begin(stream, embedding, interaction)
-        self._running[stream] = _Running(seed, goal, interaction, embedding)
+        streams = answers.streams[rows]
+        rewards = answers.rewards[rows]
+        self._buffer.append_batch(
+            streams, self._actions[streams], rewards, self._values[streams], answers.images[rows]
+        )
+        for stream, reward in zip(streams.tolist(), rewards.tolist(), strict=True):
+            self._running[stream].steps += 1
+            self._running[stream].episode_return += reward
+
+    def _act(self, streams: NDArray[np.int64]) -> None:
+        if not len(streams):
+            return
+        actions, values = self._actor.act(streams, self._buffer.observe(streams))
+        self._actions[streams], self._values[streams] = actions, values
+        self._rooms.send(streams, actions)
+        self._under_way += len(streams)
 
     def _finish(self, stream: int, info: dict[str, Any]) -> EndedEpisode:
-        episode = self._running[stream]
+        episode = self._running.pop(stream)
         outcome = Outcome.from_name(info["outcome"])
-        ended = EndedEpisode(
+        return EndedEpisode(
             id=self._buffer.finish(stream, outcome),
             seed=episode.seed,
             goal=episode.goal,
@@ -133,8 +164,6 @@ class Rollout:
             goal_embedding=episode.goal_embedding,
             reached_object=int(info["reached_object"]),
         )
-        self._begin(stream)
-        return ended
 
 
 def episode_seeds(run_seed: int, *, first: int = 0, purpose: int = 0) -> Iterator[int]:
