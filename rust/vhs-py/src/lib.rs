@@ -1,5 +1,10 @@
 //! The extension module `vhs._core`.
 
+mod raster;
+
 /// The compiled half of the Python package `vhs`.
 #[pyo3::pymodule]
-mod _core {}
+mod _core {
+    #[pymodule_export]
+    use super::raster::{RasterCanvas, RasterScene};
+}

@@ -1,0 +1,48 @@
+//! A software renderer for small pictures of scenes made of simple solids and meshes.
+//!
+//! Scene in, pixels out: no graphics driver, no window system, no global state. The pictures follow what MuJoCo's
+//! OpenGL renderer draws without shadows and reflections, and are the same to the last bit on every machine: plain
+//! IEEE arithmetic in a fixed order, no fused operations, no dependence on vector width or threads.
+//!
+//! ```
+//! use vhs_raster::{Antialias, Camera, Canvas, Geom, Layout, Lens, Scene, SceneSpec, Shape, Surface, View};
+//!
+//! # fn main() -> vhs_raster::Result<()> {
+//! let ball = Geom { shape: Shape::Sphere { radius: 0.5 }, surface: Surface::default(), tag: [7, 5] };
+//! let scene = Scene::new(SceneSpec { geoms: vec![ball], far: 10.0, ..SceneSpec::default() })?;
+//! let camera = Camera {
+//!     position: [0.0, -2.0, 0.0],
+//!     forward: [0.0, 1.0, 0.0],
+//!     up: [0.0, 0.0, 1.0],
+//!     lens: Lens::Angle { fovy: 45.0 },
+//!     near: 0.01,
+//!     far: 10.0,
+//! };
+//! let view = View::new(&scene, camera);
+//! let mut canvas = Canvas::new(64, 64, Antialias::Off)?;
+//! let mut picture = vec![0; 64 * 64 * 3];
+//! canvas.draw(&scene, &view, Layout::Interleaved, &mut picture)?;
+//! assert!(picture[3 * (32 * 64 + 32)] > 0, "the ball is in the middle");
+//! assert_eq!(picture[0], 0, "and not in the corner");
+//! # Ok(())
+//! # }
+//! ```
+#![deny(missing_docs)]
+
+mod canvas;
+mod cover;
+mod error;
+mod light;
+mod math;
+mod scene;
+mod shade;
+mod solid;
+mod texture;
+mod view;
+
+pub use canvas::{Antialias, Canvas, Layout};
+pub use error::{Error, Result};
+pub use scene::{Geom, Haze, Light, LightKind, MeshData, Scene, SceneSpec, Shape, Surface, TextureUse};
+pub use solid::Tessellation;
+pub use texture::{Texture, TextureKind};
+pub use view::{Camera, Lens, View};

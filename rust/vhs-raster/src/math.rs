@@ -1,0 +1,106 @@
+//! Vectors, and the few functions whose last bit must not depend on the machine.
+//!
+//! Invariant: plain f32 and f64 operations in a fixed order. IEEE 754 defines add, multiply, divide and
+//! square root to the last bit; the platform's `powf` and `sin` are not, so they are not used.
+
+/// A vector of three f32.
+pub(crate) type V3 = [f32; 3];
+
+/// Sum.
+#[inline(always)]
+pub(crate) fn add(a: V3, b: V3) -> V3 {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+/// Difference.
+#[inline(always)]
+pub(crate) fn sub(a: V3, b: V3) -> V3 {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+/// Product with a number.
+#[inline(always)]
+pub(crate) fn scale(a: V3, k: f32) -> V3 {
+    [a[0] * k, a[1] * k, a[2] * k]
+}
+
+/// Product, component by component.
+#[inline(always)]
+pub(crate) fn times(a: V3, b: V3) -> V3 {
+    [a[0] * b[0], a[1] * b[1], a[2] * b[2]]
+}
+
+/// Inner product.
+#[inline(always)]
+pub(crate) fn dot(a: V3, b: V3) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Cross product; swapping the arguments negates it exactly, on which watertight edges rely.
+#[inline(always)]
+pub(crate) fn cross(a: V3, b: V3) -> V3 {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+/// The vector at length 1; a zero vector points along z.
+#[inline(always)]
+pub(crate) fn normalize(a: V3) -> V3 {
+    let length = dot(a, a).sqrt();
+    if length < 1e-10 {
+        [0.0, 0.0, 1.0]
+    } else {
+        scale(a, 1.0 / length)
+    }
+}
+
+/// Row-major 3x3 matrix times vector.
+#[inline(always)]
+pub(crate) fn mul3(m: &[f32; 9], v: V3) -> V3 {
+    [
+        m[0] * v[0] + m[1] * v[1] + m[2] * v[2],
+        m[3] * v[0] + m[4] * v[1] + m[5] * v[2],
+        m[6] * v[0] + m[7] * v[1] + m[8] * v[2],
+    ]
+}
+
+/// Largest integer not above `x`, as i32; without a call where the machine lacks a rounding instruction.
+#[inline(always)]
+pub(crate) fn floor_i32(x: f32) -> i32 {
+    #[expect(clippy::cast_possible_truncation, reason = "saturation is wanted for huge values")]
+    let truncated = x as i32;
+    #[expect(clippy::cast_precision_loss, reason = "values are below 2^24 wherever the result is used")]
+    let whole = truncated as f32;
+    truncated - i32::from(whole > x)
+}
+
+/// Binary logarithm of a positive number, within 2e-5 (texture levels need no more).
+#[inline(always)]
+pub(crate) fn log2_rough(x: f32) -> f32 {
+    let bits = x.to_bits();
+    #[expect(clippy::cast_possible_wrap, reason = "the exponent field has 8 bits")]
+    let exponent = ((bits >> 23) as i32) - 127;
+    let m = f32::from_bits((bits & 0x007f_ffff) | 0x3f80_0000) - 1.0;
+    // log2(1 + m) = m + m (1 - m) r(m), exact at both ends, so that the result has no jumps; r is a least-squares fit.
+    let r = 0.441_899_33 + m * (-0.266_877_04 + m * (0.147_508_23 - m * 0.044_423_59));
+    let p = m + m * (1.0 - m) * r;
+    #[expect(clippy::cast_precision_loss, reason = "an exponent fits in f32")]
+    let e = exponent as f32;
+    e + p
+}
+
+/// `base` to the power `exponent` for `base` in 0..=1 and `exponent >= 0`, in f64 by the same steps everywhere.
+pub(crate) fn pow_unit(base: f32, exponent: f32) -> f32 {
+    if exponent == 0.0 {
+        return 1.0;
+    }
+    if base <= 0.0 {
+        return 0.0;
+    }
+    #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the point")]
+    let result = libm::pow(f64::from(base), f64::from(exponent)) as f32;
+    result
+}
