@@ -32,6 +32,8 @@
 mod canvas;
 mod cover;
 mod error;
+mod fill;
+mod frame;
 mod light;
 mod math;
 mod scene;

@@ -6,10 +6,10 @@
 
 use crate::cover::{Drawn, LANES};
 use crate::light::Lamps;
-use crate::math::{V3, add, dot, mul3, normalize, scale, sub, times};
+use crate::math::{V3, add, mul3, normalize, scale, sub, times};
 use crate::scene::{Mapping, Scene, Surface};
 use crate::solid::{Face, Nodes, Solid};
-use crate::texture::Texture;
+use crate::texture::{Floats, Ints, Machine, Texture};
 
 /// What a part of the frame is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -105,23 +105,38 @@ pub(crate) struct Shader<'a> {
     pub(crate) nodes: &'a mut NodeCache,
 }
 
-/// Samples of one face, up to [`LANES`] of them.
+/// Samples of one face.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Batch {
-    /// Position in the picture, relative to its middle, y upwards.
-    pub(crate) x: [f32; LANES],
+    /// Position in the picture, relative to its middle, y upwards. Lanes without use repeat another one.
+    pub(crate) x: Floats,
     /// See `x`.
-    pub(crate) y: [f32; LANES],
-    /// How many lanes are in use; the others repeat a used one.
-    pub(crate) len: usize,
+    pub(crate) y: Floats,
 }
 
 /// Colours of a batch: red, green, blue and opacity in 0..=1, channel by channel.
-pub(crate) type Colours = [[f32; LANES]; 4];
+pub(crate) type Colours = [Floats; 4];
 
+/// A row times `(x, y, 1)`, for all lanes.
 #[inline(always)]
-fn at(row: V3, x: f32, y: f32) -> f32 {
-    row[0] * x + row[1] * y + row[2]
+fn along(row: V3, batch: &Batch) -> Floats {
+    let mut out = [0.0; LANES];
+    for i in 0..LANES {
+        out[i] = row[0] * batch.x[i] + row[1] * batch.y[i] + row[2];
+    }
+    out
+}
+
+/// Colours as bytes, rounded: red in the low byte, opacity left out.
+#[inline(always)]
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "colours are in 0..=1")]
+pub(crate) fn packed(c: &Colours) -> Ints {
+    let byte = |v: f32| (v * 255.0 + 0.5) as i32 as u32;
+    let mut out = [0; LANES];
+    for i in 0..LANES {
+        out[i] = byte(c[0][i]) | byte(c[1][i]) << 8 | byte(c[2][i]) << 16;
+    }
+    out
 }
 
 impl Shader<'_> {
@@ -213,57 +228,47 @@ impl Shader<'_> {
     }
 
     /// Colours of a batch of samples of one face.
-    pub(crate) fn shade(&mut self, ready: &Ready, batch: &Batch) -> Colours {
-        let mut out = [[0.0; LANES]; 4];
-        out[3] = [ready.alpha; LANES];
-        let mut w = [0.0; LANES];
-        for i in 0..LANES {
-            w[i] = 1.0 / at(ready.whole, batch.x[i], batch.y[i]);
+    #[inline(always)]
+    pub(crate) fn shade<M: Machine>(&mut self, ready: &Ready, batch: &Batch) -> Colours {
+        let w = along(ready.whole, batch).map(|q| 1.0 / q);
+        let mut out = [[0.0; LANES], [0.0; LANES], [0.0; LANES], [ready.alpha; LANES]];
+        match ready.light {
+            Light::Even(colour) => (0..3).for_each(|k| out[k] = [colour[k]; LANES]),
+            Light::Corners([first, a, b]) => {
+                let (s, t) = (along(ready.along[0], batch), along(ready.along[1], batch));
+                for k in 0..3 {
+                    for i in 0..LANES {
+                        out[k][i] = (first[k] + (s[i] * a[k] + t[i] * b[k]) * w[i]).clamp(0.0, 1.0);
+                    }
+                }
+            }
+            Light::Nodes => self.light_by_nodes(ready, batch, &w, &mut out),
         }
-        self.light(ready, batch, &w, &mut out);
         match ready.paint {
             Paint::None => {}
             Paint::Flat { texture, rows } => {
-                paint_flat(&self.scene.spec.textures[texture], ready.whole, rows, batch, &w, &mut out);
+                paint_flat::<M>(&self.scene.spec.textures[texture], ready.whole, rows, batch, &w, &mut out);
             }
             Paint::Cube { texture, rows } => {
-                paint_cube(&self.scene.spec.textures[texture], ready.whole, rows, batch, &w, &mut out);
+                paint_cube::<M>(&self.scene.spec.textures[texture], ready.whole, rows, batch, &w, &mut out);
             }
             Paint::Opacity { row } => {
+                let opacity = along(row, batch);
                 for i in 0..LANES {
-                    out[3][i] = (at(row, batch.x[i], batch.y[i]) * w[i]).clamp(0.0, 1.0);
+                    out[3][i] = (opacity[i] * w[i]).clamp(0.0, 1.0);
                 }
             }
         }
         out
     }
 
-    #[inline(always)]
-    fn light(&mut self, ready: &Ready, batch: &Batch, w: &[f32; LANES], out: &mut Colours) {
-        match ready.light {
-            Light::Even(colour) => {
-                for k in 0..3 {
-                    out[k] = [colour[k]; LANES];
-                }
-            }
-            Light::Corners([first, a, b]) => {
-                for i in 0..LANES {
-                    let s = at(ready.along[0], batch.x[i], batch.y[i]) * w[i];
-                    let t = at(ready.along[1], batch.x[i], batch.y[i]) * w[i];
-                    for k in 0..3 {
-                        out[k][i] = (first[k] + s * a[k] + t * b[k]).clamp(0.0, 1.0);
-                    }
-                }
-            }
-            Light::Nodes => {
-                for i in 0..batch.len {
-                    let s = at(ready.along[0], batch.x[i], batch.y[i]) * w[i];
-                    let t = at(ready.along[1], batch.x[i], batch.y[i]) * w[i];
-                    let colour = self.between_nodes(ready, s, t);
-                    for k in 0..3 {
-                        out[k][i] = colour[k];
-                    }
-                }
+    #[inline(never)]
+    fn light_by_nodes(&mut self, ready: &Ready, batch: &Batch, w: &Floats, out: &mut Colours) {
+        let (s, t) = (along(ready.along[0], batch), along(ready.along[1], batch));
+        for i in 0..LANES {
+            let colour = self.between_nodes(ready, s[i] * w[i], t[i] * w[i]);
+            for k in 0..3 {
+                out[k][i] = colour[k];
             }
         }
     }
@@ -349,39 +354,68 @@ fn uv_of(solid: &Solid, face: u32) -> [[f32; 2]; 3] {
 
 /// Multiplies colours by a flat texture.
 #[inline(always)]
-fn paint_flat(texture: &Texture, whole: V3, rows: [V3; 2], batch: &Batch, w: &[f32; LANES], out: &mut Colours) {
-    let (width, height) = texture.size();
-    let (mut u, mut v, mut rho2) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-    for i in 0..LANES {
-        let (x, y) = (batch.x[i], batch.y[i]);
-        u[i] = at(rows[0], x, y) * w[i];
-        v[i] = at(rows[1], x, y) * w[i];
-        let slope = |axis: usize| {
-            let du = (rows[0][axis] - u[i] * whole[axis]) * w[i] * width;
-            let dv = (rows[1][axis] - v[i] * whole[axis]) * w[i] * height;
-            du * du + dv * dv
+fn paint_flat<M: Machine>(
+    texture: &Texture,
+    whole: V3,
+    rows: [V3; 2],
+    batch: &Batch,
+    w: &Floats,
+    out: &mut Colours,
+) {
+    let size = [texture.size().0, texture.size().1];
+    let (mut u, mut v) = (along(rows[0], batch), along(rows[1], batch));
+    // Of u = (a . d) / (b . d), the slope along x is (a_x (b . d) - b_x (a . d)) / (b . d)^2; the terms with x cancel
+    // in its numerator, which leaves the last two components of a cross product. The same goes for y.
+    let mut steepest = [0.0_f32; LANES];
+    for (axis, other, across) in [(0, 1, &batch.y), (1, 0, &batch.x)] {
+        let slope = |k: usize| {
+            let row = scale(rows[k], size[k]);
+            (row[axis] * whole[other] - row[other] * whole[axis], row[axis] * whole[2] - row[2] * whole[axis])
         };
-        rho2[i] = slope(0).max(slope(1));
-    }
-    for i in 0..batch.len {
-        let texel = texture.flat(u[i], v[i], rho2[i]);
-        for k in 0..4 {
-            out[k][i] *= texel[k] * (1.0 / 255.0);
+        let ((u1, u0), (v1, v0)) = (slope(0), slope(1));
+        for i in 0..LANES {
+            let (du, dv) = (u1 * across[i] + u0, v1 * across[i] + v0);
+            steepest[i] = steepest[i].max(du * du + dv * dv);
         }
     }
+    let mut rho2 = [0.0; LANES];
+    for i in 0..LANES {
+        let w2 = w[i] * w[i];
+        rho2[i] = steepest[i] * (w2 * w2);
+        u[i] *= w[i];
+        v[i] *= w[i];
+    }
+    multiply(out, &texture.flat::<M>(&u, &v, &rho2));
 }
 
 /// Multiplies colours by a cube texture.
-fn paint_cube(texture: &Texture, whole: V3, rows: [V3; 3], batch: &Batch, w: &[f32; LANES], out: &mut Colours) {
-    for i in 0..batch.len {
-        let (x, y) = (batch.x[i], batch.y[i]);
-        let direction = rows.map(|row| at(row, x, y) * w[i]);
-        let slope = |axis: usize| [0, 1, 2].map(|k| (rows[k][axis] - direction[k] * whole[axis]) * w[i]);
-        if dot(direction, direction) > 0.0 {
-            let texel = texture.cube(direction, slope(0), slope(1));
-            for k in 0..4 {
-                out[k][i] *= texel[k] * (1.0 / 255.0);
-            }
+#[inline(always)]
+fn paint_cube<M: Machine>(
+    texture: &Texture,
+    whole: V3,
+    rows: [V3; 3],
+    batch: &Batch,
+    w: &Floats,
+    out: &mut Colours,
+) {
+    let mut direction = rows.map(|row| along(row, batch));
+    let (mut dx, mut dy) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
+    for k in 0..3 {
+        for i in 0..LANES {
+            direction[k][i] *= w[i];
+            dx[k][i] = (rows[k][0] - direction[k][i] * whole[0]) * w[i];
+            dy[k][i] = (rows[k][1] - direction[k][i] * whole[1]) * w[i];
+        }
+    }
+    multiply(out, &texture.cube::<M>(&direction, &dx, &dy));
+}
+
+/// Multiplies colours in 0..=1 by texels in 0..=255.
+#[inline(always)]
+fn multiply(out: &mut Colours, texels: &[Floats; 4]) {
+    for k in 0..4 {
+        for i in 0..LANES {
+            out[k][i] *= texels[k][i] * (1.0 / 255.0);
         }
     }
 }
