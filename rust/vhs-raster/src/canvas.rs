@@ -4,11 +4,11 @@
 
 use crate::cover::{Cover, NOTHING, Offset};
 use crate::error::{Error, Result};
-use crate::fill::{Colours, Fill, Job, Kind, run};
+use crate::fill::{Colours, Fill, Job, Scratch};
 use crate::frame::{Frame, Into, Listed, SKY_REACH, is_seen_from_behind, origin_of};
 use crate::light::Lamps;
 use crate::scene::{Part, Scene, Shape};
-use crate::shade::{NodeCache, Role, Shader};
+use crate::shade::{Kind, NodeCache, Role, Shader};
 use crate::view::{Projection, View, dot64};
 
 /// How edges are smoothed.
@@ -54,6 +54,7 @@ pub struct Canvas {
     colours: Colours,
     lamps: Lamps,
     nodes: NodeCache,
+    scratch: Scratch,
 }
 
 impl Canvas {
@@ -83,6 +84,7 @@ impl Canvas {
             colours: Colours::new(h, w),
             lamps: Lamps::default(),
             nodes: NodeCache::default(),
+            scratch: Scratch::default(),
         })
     }
 
@@ -195,9 +197,11 @@ impl Canvas {
             ready_at: &mut frame.ready_at,
             ready: &mut frame.ready,
             edges: &mut frame.edges,
+            scratch: &mut self.scratch,
+            kind: self.kind,
         };
         let job = if is_blending { Job::Over(&frame.fragments) } else { Job::Visible };
-        run(self.kind, &mut fill, &job);
+        fill.run(&job);
     }
 
     /// Lays the belt over the horizon of the first endless plane.

@@ -288,21 +288,31 @@ impl<const N: usize> Row<N> {
     }
 }
 
-/// Prepares a triangle (`N` 3) or parallelogram (`N` 4) for drawing; `None` if it faces away or has no area.
+/// Normal and volume of a triangle (`N` 3) or parallelogram (`N` 4), if it faces the camera and has an area: the
+/// cross product of its two sides, and its product with the first corner.
 ///
-/// `is_inverted` draws the back instead of the front.
+/// `is_inverted` takes the back for the front.
 #[inline(always)]
-pub(crate) fn outline<const N: usize>(corners: &[Corner; N], is_inverted: bool) -> Option<(Outline<N>, Drawn)> {
+pub(crate) fn facing<const N: usize>(corners: &[Corner; N], is_inverted: bool) -> Option<(V3, f32)> {
     let p0 = corners[0].p;
-    let (a, b) = (sub(corners[1].p, p0), sub(corners[N - 1].p, p0));
-    let normal = cross(a, b);
+    let normal = cross(sub(corners[1].p, p0), sub(corners[N - 1].p, p0));
     let volume = dot(p0, normal);
-    let front = if is_inverted { -volume } else { volume };
-    if front.partial_cmp(&0.0) != Some(std::cmp::Ordering::Greater) {
-        return None;
-    }
+    // Written so that NaN fails.
+    let is_front = if is_inverted { volume < 0.0 } else { volume > 0.0 };
+    is_front.then_some((normal, volume))
+}
+
+/// Prepares a face for drawing, from what [`facing`] found.
+#[inline(always)]
+pub(crate) fn outline<const N: usize>(
+    corners: &[Corner; N],
+    (normal, volume): (V3, f32),
+    is_inverted: bool,
+) -> (Outline<N>, Drawn) {
+    let p0 = corners[0].p;
     let inverse = 1.0 / volume;
     let whole = scale(normal, inverse);
+    let (a, b) = (sub(corners[1].p, p0), sub(corners[N - 1].p, p0));
     let along = [scale(cross(b, p0), inverse), scale(cross(p0, a), inverse)];
     let mut edges = [[0.0; 3]; N];
     let mut least = [0.0; N];
@@ -320,5 +330,5 @@ pub(crate) fn outline<const N: usize>(corners: &[Corner; N], is_inverted: bool) 
     } else {
         add(scale(whole, z[0]), add(scale(along[0], z[1]), scale(along[1], z[2])))
     };
-    Some((Outline { edges, least, depth }, Drawn { whole, along, part: 0, face: 0 }))
+    (Outline { edges, least, depth }, Drawn { whole, along, part: 0, face: 0 })
 }

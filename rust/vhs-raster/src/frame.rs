@@ -3,7 +3,7 @@
 //! Owns the lists that one frame fills. Order as in MuJoCo's `mjr_render`: opaque parts, then the sky; transparent
 //! parts are set aside for blending.
 
-use crate::cover::{Corner, Cover, Drawn, NOTHING, Outline, Window, outline};
+use crate::cover::{Corner, Cover, Drawn, NOTHING, Outline, Window, facing, outline};
 use crate::fill::Fragment;
 use crate::math::mul3;
 use crate::scene::{Part, Scene, Shape};
@@ -217,12 +217,13 @@ impl Frame {
         sink: &mut impl Sink,
     ) {
         let corners = corners.map(|c| self.corners[c as usize]);
-        let Some((shape, drawn)) = outline(&corners, is_inverted) else {
+        let Some(front) = facing(&corners, is_inverted) else {
             return;
         };
         let Some(window) = sink.cover().window(&corners, near) else {
             return;
         };
+        let (shape, drawn) = outline(&corners, front, is_inverted);
         sink.face(&shape, window, self.drawn.len());
         self.drawn.push(Drawn { part, face: face as u32, ..drawn });
     }

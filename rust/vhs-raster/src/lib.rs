@@ -34,6 +34,7 @@ mod cover;
 mod error;
 mod fill;
 mod frame;
+mod lanes;
 mod light;
 mod math;
 mod scene;

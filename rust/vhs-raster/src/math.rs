@@ -77,21 +77,6 @@ pub(crate) fn floor_i32(x: f32) -> i32 {
     truncated - i32::from(whole > x)
 }
 
-/// Binary logarithm of a positive number, within 2e-5 (texture levels need no more).
-#[inline(always)]
-pub(crate) fn log2_rough(x: f32) -> f32 {
-    let bits = x.to_bits();
-    #[expect(clippy::cast_possible_wrap, reason = "the exponent field has 8 bits")]
-    let exponent = ((bits >> 23) as i32) - 127;
-    let m = f32::from_bits((bits & 0x007f_ffff) | 0x3f80_0000) - 1.0;
-    // log2(1 + m) = m + m (1 - m) r(m), exact at both ends, so that the result has no jumps; r is a least-squares fit.
-    let r = 0.441_899_33 + m * (-0.266_877_04 + m * (0.147_508_23 - m * 0.044_423_59));
-    let p = m + m * (1.0 - m) * r;
-    #[expect(clippy::cast_precision_loss, reason = "an exponent fits in f32")]
-    let e = exponent as f32;
-    e + p
-}
-
 /// `base` to the power `exponent` for `base` in 0..=1 and `exponent >= 0`, in f64 by the same steps everywhere.
 pub(crate) fn pow_unit(base: f32, exponent: f32) -> f32 {
     if exponent == 0.0 {

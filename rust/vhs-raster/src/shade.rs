@@ -4,12 +4,13 @@
 //! what MuJoCo's OpenGL renderer shows; a node is lit when the first visible sample asks for it. Textures are
 //! looked up for every sample, in perspective.
 
-use crate::cover::{Drawn, LANES};
+use crate::cover::Drawn;
+use crate::lanes::{MOST_LANES, Machine, Plain};
 use crate::light::Lamps;
 use crate::math::{V3, add, mul3, normalize, scale, sub, times};
 use crate::scene::{Mapping, Scene, Surface};
 use crate::solid::{Face, Nodes, Solid};
-use crate::texture::{Floats, Ints, Machine, Texture};
+use crate::texture::Texture;
 
 /// What a part of the frame is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -105,38 +106,116 @@ pub(crate) struct Shader<'a> {
     pub(crate) nodes: &'a mut NodeCache,
 }
 
-/// Samples of one face.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Batch {
-    /// Position in the picture, relative to its middle, y upwards. Lanes without use repeat another one.
-    pub(crate) x: Floats,
-    /// See `x`.
-    pub(crate) y: Floats,
+/// What this machine can do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// Any machine.
+    Plain,
+    /// One on which AVX2 was found.
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
 }
 
-/// Colours of a batch: red, green, blue and opacity in 0..=1, channel by channel.
-pub(crate) type Colours = [Floats; 4];
-
-/// A row times `(x, y, 1)`, for all lanes.
-#[inline(always)]
-fn along(row: V3, batch: &Batch) -> Floats {
-    let mut out = [0.0; LANES];
-    for i in 0..LANES {
-        out[i] = row[0] * batch.x[i] + row[1] * batch.y[i] + row[2];
+impl Kind {
+    /// The best kind that this machine is.
+    pub(crate) fn detect() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            return Self::Avx2;
+        }
+        Self::Plain
     }
-    out
+}
+
+/// Where samples are in the picture, relative to its middle, y upwards.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Places<'a> {
+    /// Pixel after pixel from `(x, y)` to the right.
+    Row { x: f32, y: f32 },
+    /// One by one.
+    Anywhere { x: &'a [f32], y: &'a [f32] },
+}
+
+/// Colours of samples of one face as bytes, red in the low byte, and their opacity if it is wanted.
+///
+/// The length of `out` (and of all other slices) is a multiple of [`MOST_LANES`].
+pub(crate) fn shade_run(
+    kind: Kind,
+    shader: &mut Shader<'_>,
+    ready: &Ready,
+    places: Places<'_>,
+    out: &mut [u32],
+    opacity: Option<&mut Vec<f32>>,
+) {
+    match kind {
+        Kind::Plain => shader.run::<Plain>(ready, places, out, opacity),
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: `Kind::Avx2` is only made by `detect`, after it found AVX2.
+        Kind::Avx2 => unsafe { run_avx2(shader, ready, places, out, opacity) },
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn run_avx2(
+    shader: &mut Shader<'_>,
+    ready: &Ready,
+    places: Places<'_>,
+    out: &mut [u32],
+    opacity: Option<&mut Vec<f32>>,
+) {
+    shader.run::<crate::lanes::Avx2>(ready, places, out, opacity);
+}
+
+/// Distance of each lane from the first.
+const STEPS: [f32; MOST_LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+
+/// A few samples of one face.
+#[derive(Debug, Clone, Copy)]
+struct Batch<M: Machine> {
+    x: M::F,
+    y: M::F,
+}
+
+impl Places<'_> {
+    /// Samples from number `first` on.
+    #[inline(always)]
+    fn batch<M: Machine>(&self, first: usize) -> Batch<M> {
+        match self {
+            Places::Row { x, y } => {
+                #[expect(clippy::cast_precision_loss, reason = "pictures are far smaller than 2^24")]
+                let start = M::float(x + first as f32);
+                Batch { x: M::add(start, M::load(&STEPS)), y: M::float(*y) }
+            }
+            Places::Anywhere { x, y } => match (x[first..].first_chunk(), y[first..].first_chunk()) {
+                (Some(x), Some(y)) => Batch { x: M::load(x), y: M::load(y) },
+                _ => unreachable!("runs are padded to whole batches"),
+            },
+        }
+    }
+}
+
+/// Colours of a batch: red, green, blue and opacity in 0..=1.
+type Colours<M> = [<M as Machine>::F; 4];
+
+/// A row times `(x, y, 1)`.
+#[inline(always)]
+fn along<M: Machine>(row: V3, batch: &Batch<M>) -> M::F {
+    let start = M::mul_then_add(M::float(row[1]), batch.y, M::float(row[2]));
+    M::mul_then_add(M::float(row[0]), batch.x, start)
 }
 
 /// Colours as bytes, rounded: red in the low byte, opacity left out.
 #[inline(always)]
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "colours are in 0..=1")]
-pub(crate) fn packed(c: &Colours) -> Ints {
-    let byte = |v: f32| (v * 255.0 + 0.5) as i32 as u32;
-    let mut out = [0; LANES];
-    for i in 0..LANES {
-        out[i] = byte(c[0][i]) | byte(c[1][i]) << 8 | byte(c[2][i]) << 16;
-    }
-    out
+fn packed<M: Machine>(c: &Colours<M>) -> [u32; MOST_LANES] {
+    let green_blue = M::or(M::left::<8>(byte::<M>(c[1])), M::left::<16>(byte::<M>(c[2])));
+    M::store_ints(M::or(byte::<M>(c[0]), green_blue))
+}
+
+/// A colour in 0..=1 as 0..=255, rounded.
+#[inline(always)]
+fn byte<M: Machine>(v: M::F) -> M::I {
+    M::truncate(M::mul_then_add(v, M::float(255.0), M::float(0.5)))
 }
 
 impl Shader<'_> {
@@ -227,50 +306,71 @@ impl Shader<'_> {
         colour
     }
 
+    /// See [`shade_run`].
+    #[inline(always)]
+    fn run<M: Machine>(
+        &mut self,
+        ready: &Ready,
+        places: Places<'_>,
+        out: &mut [u32],
+        mut opacity: Option<&mut Vec<f32>>,
+    ) {
+        let mut first = 0;
+        for few in out.as_chunks_mut::<MOST_LANES>().0 {
+            let colours = self.shade::<M>(ready, &places.batch(first));
+            *few = packed::<M>(&colours);
+            if let Some(opacity) = opacity.as_mut() {
+                opacity[first..first + MOST_LANES].copy_from_slice(&M::store(colours[3]));
+            }
+            first += MOST_LANES;
+        }
+    }
+
     /// Colours of a batch of samples of one face.
     #[inline(always)]
-    pub(crate) fn shade<M: Machine>(&mut self, ready: &Ready, batch: &Batch) -> Colours {
-        let w = along(ready.whole, batch).map(|q| 1.0 / q);
-        let mut out = [[0.0; LANES], [0.0; LANES], [0.0; LANES], [ready.alpha; LANES]];
-        match ready.light {
-            Light::Even(colour) => (0..3).for_each(|k| out[k] = [colour[k]; LANES]),
-            Light::Corners([first, a, b]) => {
-                let (s, t) = (along(ready.along[0], batch), along(ready.along[1], batch));
-                for k in 0..3 {
-                    for i in 0..LANES {
-                        out[k][i] = (first[k] + (s[i] * a[k] + t[i] * b[k]) * w[i]).clamp(0.0, 1.0);
-                    }
-                }
+    fn shade<M: Machine>(&mut self, ready: &Ready, batch: &Batch<M>) -> Colours<M> {
+        let w = M::div(M::float(1.0), along(ready.whole, batch));
+        let (mut red, mut green, mut blue) = match ready.light {
+            Light::Even([r, g, b]) => (M::float(r), M::float(g), M::float(b)),
+            Light::Corners(corners) => {
+                let s = M::mul(along(ready.along[0], batch), w);
+                let t = M::mul(along(ready.along[1], batch), w);
+                (between::<M>(&corners, 0, s, t), between::<M>(&corners, 1, s, t), between::<M>(&corners, 2, s, t))
             }
-            Light::Nodes => self.light_by_nodes(ready, batch, &w, &mut out),
-        }
-        match ready.paint {
-            Paint::None => {}
+            Light::Nodes => {
+                let s = M::mul(along(ready.along[0], batch), w);
+                let t = M::mul(along(ready.along[1], batch), w);
+                let [r, g, b] = self.light_by_nodes(ready, &M::store(s), &M::store(t));
+                (M::load(&r), M::load(&g), M::load(&b))
+            }
+        };
+        let mut opacity = M::float(ready.alpha);
+        let texels = match ready.paint {
+            Paint::None => return [red, green, blue, opacity],
+            Paint::Opacity { row } => return [red, green, blue, M::unit(M::mul(along(row, batch), w))],
             Paint::Flat { texture, rows } => {
-                paint_flat::<M>(&self.scene.spec.textures[texture], ready.whole, rows, batch, &w, &mut out);
+                paint_flat::<M>(&self.scene.spec.textures[texture], ready.whole, rows, batch, w)
             }
             Paint::Cube { texture, rows } => {
-                paint_cube::<M>(&self.scene.spec.textures[texture], ready.whole, rows, batch, &w, &mut out);
+                paint_cube::<M>(&self.scene.spec.textures[texture], ready.whole, rows, batch, w)
             }
-            Paint::Opacity { row } => {
-                let opacity = along(row, batch);
-                for i in 0..LANES {
-                    out[3][i] = (opacity[i] * w[i]).clamp(0.0, 1.0);
-                }
-            }
-        }
-        out
+        };
+        let byte = M::float(1.0 / 255.0);
+        red = M::mul(red, M::mul(texels[0], byte));
+        green = M::mul(green, M::mul(texels[1], byte));
+        blue = M::mul(blue, M::mul(texels[2], byte));
+        opacity = M::mul(opacity, M::mul(texels[3], byte));
+        [red, green, blue, opacity]
     }
 
     #[inline(never)]
-    fn light_by_nodes(&mut self, ready: &Ready, batch: &Batch, w: &Floats, out: &mut Colours) {
-        let (s, t) = (along(ready.along[0], batch), along(ready.along[1], batch));
-        for i in 0..LANES {
-            let colour = self.between_nodes(ready, s[i] * w[i], t[i] * w[i]);
-            for k in 0..3 {
-                out[k][i] = colour[k];
-            }
+    fn light_by_nodes(&mut self, ready: &Ready, s: &[f32; MOST_LANES], t: &[f32; MOST_LANES]) -> [[f32; MOST_LANES]; 3] {
+        let mut out = [[0.0; MOST_LANES]; 3];
+        for i in 0..MOST_LANES {
+            let colour = self.between_nodes(ready, s[i], t[i]);
+            (0..3).for_each(|k| out[k][i] = colour[k]);
         }
+        out
     }
 
     /// Light at coordinates `(s, t)` of a face with nodes.
@@ -352,70 +452,55 @@ fn uv_of(solid: &Solid, face: u32) -> [[f32; 2]; 3] {
     }
 }
 
-/// Multiplies colours by a flat texture.
+/// Colours of a flat texture, 0..=255.
 #[inline(always)]
-fn paint_flat<M: Machine>(
-    texture: &Texture,
-    whole: V3,
-    rows: [V3; 2],
-    batch: &Batch,
-    w: &Floats,
-    out: &mut Colours,
-) {
-    let size = [texture.size().0, texture.size().1];
-    let (mut u, mut v) = (along(rows[0], batch), along(rows[1], batch));
-    // Of u = (a . d) / (b . d), the slope along x is (a_x (b . d) - b_x (a . d)) / (b . d)^2; the terms with x cancel
-    // in its numerator, which leaves the last two components of a cross product. The same goes for y.
-    let mut steepest = [0.0_f32; LANES];
-    for (axis, other, across) in [(0, 1, &batch.y), (1, 0, &batch.x)] {
-        let slope = |k: usize| {
-            let row = scale(rows[k], size[k]);
-            (row[axis] * whole[other] - row[other] * whole[axis], row[axis] * whole[2] - row[2] * whole[axis])
-        };
-        let ((u1, u0), (v1, v0)) = (slope(0), slope(1));
-        for i in 0..LANES {
-            let (du, dv) = (u1 * across[i] + u0, v1 * across[i] + v0);
-            steepest[i] = steepest[i].max(du * du + dv * dv);
-        }
-    }
-    let mut rho2 = [0.0; LANES];
-    for i in 0..LANES {
-        let w2 = w[i] * w[i];
-        rho2[i] = steepest[i] * (w2 * w2);
-        u[i] *= w[i];
-        v[i] *= w[i];
-    }
-    multiply(out, &texture.flat::<M>(&u, &v, &rho2));
+fn paint_flat<M: Machine>(texture: &Texture, whole: V3, rows: [V3; 2], batch: &Batch<M>, w: M::F) -> [M::F; 4] {
+    let size = texture.size();
+    let (u, v) = (scale(rows[0], size.0), scale(rows[1], size.1));
+    let along_x = M::add(squared_slope::<M>(u, whole, 0, 1, batch.y), squared_slope::<M>(v, whole, 0, 1, batch.y));
+    let along_y = M::add(squared_slope::<M>(u, whole, 1, 0, batch.x), squared_slope::<M>(v, whole, 1, 0, batch.x));
+    let w2 = M::mul(w, w);
+    let rho2 = M::mul(M::max(along_x, along_y), M::mul(w2, w2));
+    texture.flat::<M>(M::mul(along(rows[0], batch), w), M::mul(along(rows[1], batch), w), rho2)
 }
 
-/// Multiplies colours by a cube texture.
+/// Squared slope of a coordinate along one axis of the picture, times W to the power of -4.
+///
+/// Of u = (a . d) / (b . d), the slope along x is (a_x (b . d) - b_x (a . d)) / (b . d)^2; the terms with x cancel in
+/// its numerator, which leaves two components of a cross product. The same goes for y.
 #[inline(always)]
-fn paint_cube<M: Machine>(
-    texture: &Texture,
-    whole: V3,
-    rows: [V3; 3],
-    batch: &Batch,
-    w: &Floats,
-    out: &mut Colours,
-) {
-    let mut direction = rows.map(|row| along(row, batch));
-    let (mut dx, mut dy) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
-    for k in 0..3 {
-        for i in 0..LANES {
-            direction[k][i] *= w[i];
-            dx[k][i] = (rows[k][0] - direction[k][i] * whole[0]) * w[i];
-            dy[k][i] = (rows[k][1] - direction[k][i] * whole[1]) * w[i];
-        }
-    }
-    multiply(out, &texture.cube::<M>(&direction, &dx, &dy));
+fn squared_slope<M: Machine>(row: V3, whole: V3, axis: usize, other: usize, across: M::F) -> M::F {
+    let grows = row[axis] * whole[other] - row[other] * whole[axis];
+    let starts = row[axis] * whole[2] - row[2] * whole[axis];
+    let slope = M::mul_then_add(M::float(grows), across, M::float(starts));
+    M::mul(slope, slope)
 }
 
-/// Multiplies colours in 0..=1 by texels in 0..=255.
+/// Colours of a cube texture, 0..=255.
 #[inline(always)]
-fn multiply(out: &mut Colours, texels: &[Floats; 4]) {
-    for k in 0..4 {
-        for i in 0..LANES {
-            out[k][i] *= texels[k][i] * (1.0 / 255.0);
-        }
-    }
+fn paint_cube<M: Machine>(texture: &Texture, whole: V3, rows: [V3; 3], batch: &Batch<M>, w: M::F) -> [M::F; 4] {
+    let d = [
+        M::mul(along(rows[0], batch), w),
+        M::mul(along(rows[1], batch), w),
+        M::mul(along(rows[2], batch), w),
+    ];
+    texture.cube::<M>(d, slopes::<M>(rows, d, whole, w, 0), slopes::<M>(rows, d, whole, w, 1))
+}
+
+/// Change of a direction along one axis of the picture.
+#[inline(always)]
+fn slopes<M: Machine>(rows: [V3; 3], d: [M::F; 3], whole: V3, w: M::F, axis: usize) -> [M::F; 3] {
+    let change = M::float(whole[axis]);
+    [
+        M::mul(M::sub(M::float(rows[0][axis]), M::mul(d[0], change)), w),
+        M::mul(M::sub(M::float(rows[1][axis]), M::mul(d[1], change)), w),
+        M::mul(M::sub(M::float(rows[2][axis]), M::mul(d[2], change)), w),
+    ]
+}
+
+/// One channel of light on a triangle at coordinates `(s, t)`.
+#[inline(always)]
+fn between<M: Machine>([first, a, b]: &[V3; 3], channel: usize, s: M::F, t: M::F) -> M::F {
+    let sides = M::mul_then_add(s, M::float(a[channel]), M::mul(t, M::float(b[channel])));
+    M::unit(M::add(M::float(first[channel]), sides))
 }

@@ -4,9 +4,8 @@
 //! compatibility profile, section 8.14): 2d textures repeat, cube faces clamp to their own edge. Weights have 8
 //! bits and colours are blended as integers, so that a look-up cannot depend on the width of a vector unit.
 
-use crate::cover::LANES;
 use crate::error::{Error, Result};
-use crate::math::{V3, floor_i32, log2_rough};
+use crate::lanes::Machine;
 
 /// One of the two kinds of texture a scene can hold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,237 +16,151 @@ pub enum TextureKind {
     Cube,
 }
 
-/// Numbers handled together; see [`crate::cover::LANES`].
-pub(crate) type Ints = [u32; LANES];
-pub(crate) type Floats = [f32; LANES];
-
-/// How a machine reads eight places of a table at once. Every implementation returns the same numbers.
-pub(crate) trait Machine {
-    /// `table[at[i]]` for each lane; places past the end read the last entry.
-    fn look_up(table: &[u32], at: &Ints) -> Ints;
-}
-
-/// Any machine.
-pub(crate) struct Plain;
-
-impl Machine for Plain {
-    #[inline(always)]
-    fn look_up(table: &[u32], at: &Ints) -> Ints {
-        let last = table.len() - 1;
-        at.map(|i| table[(i as usize).min(last)])
-    }
-}
-
-/// A machine that has been found to have AVX2.
-#[cfg(target_arch = "x86_64")]
-pub(crate) struct Avx2;
-
-#[cfg(target_arch = "x86_64")]
-impl Machine for Avx2 {
-    #[inline(always)]
-    #[expect(clippy::cast_possible_wrap, clippy::cast_possible_truncation, reason = "tables are below 2^31 long")]
-    fn look_up(table: &[u32], at: &Ints) -> Ints {
-        use std::arch::x86_64::{__m256i, _mm256_i32gather_epi32};
-        let last = (table.len() - 1) as u32;
-        let at = at.map(|i| i.min(last));
-        // SAFETY: every index was limited to the table, whose length fits in i32, and arrays of eight u32 and
-        // `__m256i` have the same size and no invalid values. Only functions that require AVX2 use this type.
-        unsafe {
-            let at = std::mem::transmute::<Ints, __m256i>(at);
-            std::mem::transmute::<__m256i, Ints>(_mm256_i32gather_epi32::<4>(table.as_ptr().cast(), at))
-        }
-    }
-}
-
-/// Texel colours in pairs of 16-bit lanes: `(red, blue)` and `(green, alpha)`.
-#[derive(Debug, Clone, Copy)]
-struct Texels {
-    red_blue: Ints,
-    green_alpha: Ints,
-}
-
-const PAIR: u32 = 0x00ff_00ff;
-const HALF: u32 = 0x0080_0080;
-
 /// Most levels a picture of at most 16384 texels a side can have.
 const MOST_LEVELS: usize = 15;
 
-/// One picture and its smaller copies, one after the other: row-major RGBA, 8 bits a channel, red in the low byte.
-#[derive(Debug, Clone)]
-struct Pyramid {
-    width: u32,
-    height: u32,
-    levels: u32,
-    /// Where each level starts in `texels`.
-    starts: [u32; MOST_LEVELS],
-    texels: Vec<u32>,
+/// Texel colours in pairs of 16-bit lanes: `(red, blue)` and `(green, alpha)`.
+struct Texels<M: Machine> {
+    red_blue: M::I,
+    green_alpha: M::I,
 }
 
-/// A texture with all its levels.
+/// A texture with all its levels: for each face the picture and its smaller copies, one after the other, row-major
+/// RGBA, 8 bits a channel, red in the low byte.
 #[derive(Debug, Clone)]
 pub struct Texture {
     kind: TextureKind,
-    /// A flat texture has one face.
-    faces: Vec<Pyramid>,
-    /// For a cube, which entry of `faces` serves each of its six sides.
-    side: [usize; 6],
+    /// Size of one face at level 0, in texels.
+    width: u32,
+    height: u32,
+    levels: u32,
+    /// Where each level starts within a face.
+    starts: [u32; MOST_LEVELS],
+    /// From one face to the next; 0 when all sides of a cube share one.
+    face_step: u32,
+    texels: Vec<u32>,
 }
 
-impl Texels {
+impl<M: Machine> Texels<M> {
     /// Four neighbouring texels of each lane, weighted with 256ths that add up to 256.
     #[inline(always)]
-    fn weighted(taps: [Ints; 4], weights: [Ints; 4]) -> Self {
-        let (mut red_blue, mut green_alpha) = ([HALF; LANES], [HALF; LANES]);
-        for (tap, weight) in taps.iter().zip(&weights) {
-            for i in 0..LANES {
-                red_blue[i] = red_blue[i].wrapping_add((tap[i] & PAIR).wrapping_mul(weight[i]));
-                green_alpha[i] = green_alpha[i].wrapping_add(((tap[i] >> 8) & PAIR).wrapping_mul(weight[i]));
-            }
+    fn weighted(taps: [M::I; 4], weights: [M::I; 4]) -> Self {
+        let pair = M::int(0x00ff_00ff);
+        let (mut red_blue, mut green_alpha) = (M::int(0x0080_0080), M::int(0x0080_0080));
+        for k in 0..4 {
+            // The weight in both halves, so that one multiplication serves two channels.
+            let weight = M::or(weights[k], M::left::<16>(weights[k]));
+            red_blue = M::plus(red_blue, M::times_pairs(M::and(taps[k], pair), weight));
+            green_alpha = M::plus(green_alpha, M::times_pairs(M::and(M::right::<8>(taps[k]), pair), weight));
         }
-        Self { red_blue: red_blue.map(|x| (x >> 8) & PAIR), green_alpha: green_alpha.map(|x| (x >> 8) & PAIR) }
+        Self {
+            red_blue: M::and(M::right::<8>(red_blue), pair),
+            green_alpha: M::and(M::right::<8>(green_alpha), pair),
+        }
     }
 
     /// Blend with weight `w` in 0..=256 for `other`.
     #[inline(always)]
-    fn blended(self, other: Self, w: &Ints) -> Self {
-        // Lanes borrow from each other in between, but modulo 2^32 the sum is that of two products that fit.
-        let mix = |a: u32, b: u32, w: u32| {
-            ((a << 8).wrapping_add(b.wrapping_sub(a).wrapping_mul(w)).wrapping_add(HALF) >> 8) & PAIR
-        };
-        let (mut red_blue, mut green_alpha) = ([0; LANES], [0; LANES]);
-        for i in 0..LANES {
-            red_blue[i] = mix(self.red_blue[i], other.red_blue[i], w[i]);
-            green_alpha[i] = mix(self.green_alpha[i], other.green_alpha[i], w[i]);
+    fn blended(self, other: Self, w: M::I) -> Self {
+        let pair = M::int(0x00ff_00ff);
+        let w = M::or(w, M::left::<16>(w));
+        let rest = M::minus(M::int(0x0100_0100), w);
+        let half = M::int(0x0080_0080);
+        let red_blue = M::plus(M::times_pairs(self.red_blue, rest), M::times_pairs(other.red_blue, w));
+        let green_alpha = M::plus(M::times_pairs(self.green_alpha, rest), M::times_pairs(other.green_alpha, w));
+        Self {
+            red_blue: M::and(M::right::<8>(M::plus(red_blue, half)), pair),
+            green_alpha: M::and(M::right::<8>(M::plus(green_alpha, half)), pair),
         }
-        Self { red_blue, green_alpha }
     }
 
     /// Red, green, blue and alpha, each in 0..=255.
     #[inline(always)]
-    #[expect(clippy::cast_precision_loss, clippy::cast_possible_wrap, reason = "each lane holds 8 bits")]
-    fn channels(&self) -> [Floats; 4] {
-        // Converted as i32, for which vector units have an instruction.
+    fn channels(&self) -> [M::F; 4] {
+        let low = M::int(0xffff);
         [
-            self.red_blue.map(|x| (x & 0xff) as i32 as f32),
-            self.green_alpha.map(|x| (x & 0xff) as i32 as f32),
-            self.red_blue.map(|x| (x >> 16) as i32 as f32),
-            self.green_alpha.map(|x| (x >> 16) as i32 as f32),
+            M::from_int(M::and(self.red_blue, low)),
+            M::from_int(M::and(self.green_alpha, low)),
+            M::from_int(M::right::<16>(self.red_blue)),
+            M::from_int(M::right::<16>(self.green_alpha)),
         ]
     }
 }
 
-impl Pyramid {
-    /// A picture of `width * height` texels and all its smaller copies, down to a single texel.
-    fn new(width: u32, height: u32, texels: Vec<u32>) -> Self {
-        let mut pyramid = Self { width, height, levels: 1, starts: [0; MOST_LEVELS], texels };
-        while pyramid.size(pyramid.levels - 1) != (1, 1) {
-            let start = pyramid.texels.len();
-            let (w, h) = pyramid.size(pyramid.levels);
-            for y in 0..h {
-                for x in 0..w {
-                    let texel = pyramid.halved(pyramid.levels - 1, (x, y), (w, h));
-                    pyramid.texels.push(texel);
-                }
+/// Appends the smaller copies of the picture of `width * height` texels that starts at `base`; returns where each
+/// level starts, counted from `base`, and how many there are.
+fn add_levels(texels: &mut Vec<u32>, base: usize, width: u32, height: u32) -> ([u32; MOST_LEVELS], u32) {
+    let mut starts = [0; MOST_LEVELS];
+    let mut levels = 1;
+    let size = |level: u32| ((width >> level).max(1), (height >> level).max(1));
+    while size(levels - 1) != (1, 1) {
+        let fine = base + starts[levels as usize - 1] as usize;
+        starts[levels as usize] = u32::try_from(texels.len() - base).unwrap_or(u32::MAX);
+        let ((fine_w, fine_h), (w, h)) = (size(levels - 1), size(levels));
+        for y in 0..h {
+            for x in 0..w {
+                let texel = halved(&texels[fine..], (fine_w, fine_h), (x, y), (w, h));
+                texels.push(texel);
             }
-            pyramid.starts[pyramid.levels as usize] = u32::try_from(start).unwrap_or(u32::MAX);
-            pyramid.levels += 1;
         }
-        pyramid
+        levels += 1;
     }
+    (starts, levels)
+}
 
-    /// Width and height of a level.
-    fn size(&self, level: u32) -> (u32, u32) {
-        ((self.width >> level).max(1), (self.height >> level).max(1))
-    }
-
-    /// Texel `(x, y)` of the level after `level`, which has size `(w, h)`: a linear look-up at its scaled centre,
-    /// which for even sizes is the mean of four.
-    fn halved(&self, level: u32, (x, y): (u32, u32), (w, h): (u32, u32)) -> u32 {
-        let (fine_w, fine_h) = self.size(level);
-        let place = |i: u32, fine: u32, coarse: u32| {
-            let wide = u64::from(2 * i + 1) * u64::from(fine) * 128 / u64::from(coarse);
-            let at = u32::try_from(wide).unwrap_or(u32::MAX) - 128;
-            (at >> 8, ((at >> 8) + 1).min(fine - 1), at & 255)
-        };
-        let ((x0, x1, wx), (y0, y1, wy)) = (place(x, fine_w, w), place(y, fine_h, h));
-        let at = |x: u32, y: u32| self.texels[(self.starts[level as usize] + y * fine_w + x) as usize].to_le_bytes();
-        let (a, b, c, d) = (at(x0, y0), at(x1, y0), at(x0, y1), at(x1, y1));
-        let mix = |a: u32, b: u32, w: u32| a * (256 - w) + b * w;
-        let channel = |k: usize| {
-            let top = mix(a[k].into(), b[k].into(), wx);
-            let bottom = mix(c[k].into(), d[k].into(), wx);
-            #[expect(clippy::cast_possible_truncation, reason = "a mean of bytes is a byte")]
-            let mean = ((mix(top, bottom, wy) + 32_768) >> 16) as u8;
-            mean
-        };
-        u32::from_le_bytes([0, 1, 2, 3].map(channel))
-    }
-
-    /// Bilinear look-up in one level per lane at `u`, `v` in 0..=1.
-    #[inline(always)]
-    fn bilinear<M: Machine, const REPEAT: bool>(&self, level: &Ints, u: &Floats, v: &Floats) -> Texels {
-        let start = if level.iter().all(|&l| l == 0) { [0; LANES] } else { M::look_up(&self.starts, level) };
-        let (mut at, mut weights) = ([[0; LANES]; 4], [[0; LANES]; 4]);
-        for i in 0..LANES {
-            let (w, h) = ((self.width >> level[i]).max(1), (self.height >> level[i]).max(1));
-            let (x0, x1, wx) = neighbours::<REPEAT>(u[i], w);
-            let (y0, y1, wy) = neighbours::<REPEAT>(v[i], h);
-            let (r0, r1) = (start[i] + y0 * w, start[i] + y1 * w);
-            at[0][i] = r0 + x0;
-            at[1][i] = r0 + x1;
-            at[2][i] = r1 + x0;
-            at[3][i] = r1 + x1;
-            let both = (wx * wy + 128) >> 8;
-            weights[3][i] = both;
-            weights[2][i] = wy - both;
-            weights[1][i] = wx - both;
-            weights[0][i] = 256 + both - wx - wy;
-        }
-        Texels::weighted(at.map(|a| M::look_up(&self.texels, &a)), weights)
-    }
-
-    /// Trilinear look-up; `rho2` is the squared size of a pixel in finest texels.
-    #[inline(always)]
-    fn trilinear<M: Machine, const REPEAT: bool>(&self, u: &Floats, v: &Floats, rho2: &Floats) -> [Floats; 4] {
-        if rho2.iter().fold(true, |all, &r| all & (r <= 1.0)) {
-            return self.bilinear::<M, REPEAT>(&[0; LANES], u, v).channels();
-        }
-        let (mut fine, mut coarse, mut weight) = ([0; LANES], [0; LANES], [0; LANES]);
-        #[expect(clippy::cast_precision_loss, reason = "few levels")]
-        let last = (self.levels - 1) as i32 as f32;
-        for i in 0..LANES {
-            // Level zero for everything magnified, and for NaN.
-            let lod = (0.5 * log2_rough(if rho2[i] > 1.0 { rho2[i] } else { 1.0 })).clamp(0.0, last);
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 14")]
-            let whole = lod as i32 as u32;
-            fine[i] = whole;
-            coarse[i] = (whole + 1).min(self.levels - 1);
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss)]
-            #[expect(clippy::cast_possible_wrap, reason = "a fraction in 256ths")]
-            let fraction = ((lod - whole as i32 as f32) * 256.0) as i32 as u32;
-            weight[i] = fraction;
-        }
-        let near = self.bilinear::<M, REPEAT>(&fine, u, v);
-        near.blended(self.bilinear::<M, REPEAT>(&coarse, u, v), &weight).channels()
-    }
+/// Texel `(x, y)` of a copy of size `(w, h)`: a linear look-up at its scaled centre, for even sizes a mean of four.
+fn halved(fine: &[u32], (fine_w, fine_h): (u32, u32), (x, y): (u32, u32), (w, h): (u32, u32)) -> u32 {
+    let place = |i: u32, fine: u32, coarse: u32| {
+        let wide = u64::from(2 * i + 1) * u64::from(fine) * 128 / u64::from(coarse);
+        let at = u32::try_from(wide).unwrap_or(u32::MAX) - 128;
+        (at >> 8, ((at >> 8) + 1).min(fine - 1), at & 255)
+    };
+    let ((x0, x1, wx), (y0, y1, wy)) = (place(x, fine_w, w), place(y, fine_h, h));
+    let at = |x: u32, y: u32| fine[(y * fine_w + x) as usize].to_le_bytes();
+    let (a, b, c, d) = (at(x0, y0), at(x1, y0), at(x0, y1), at(x1, y1));
+    let mix = |a: u32, b: u32, w: u32| a * (256 - w) + b * w;
+    let channel = |k: usize| {
+        let top = mix(a[k].into(), b[k].into(), wx);
+        let bottom = mix(c[k].into(), d[k].into(), wx);
+        #[expect(clippy::cast_possible_truncation, reason = "a mean of bytes is a byte")]
+        let mean = ((mix(top, bottom, wy) + 32_768) >> 16) as u8;
+        mean
+    };
+    u32::from_le_bytes([0, 1, 2, 3].map(channel))
 }
 
 /// The two texels around a coordinate in 0..=1, and the weight of the second in 256ths.
 #[inline(always)]
-#[expect(clippy::cast_precision_loss, clippy::cast_possible_wrap, clippy::cast_sign_loss, reason = "sizes fit in i32")]
-#[expect(clippy::cast_possible_truncation, reason = "coordinates are at most 2^22")]
-fn neighbours<const REPEAT: bool>(t: f32, n: u32) -> (u32, u32, u32) {
-    let n = n as i32;
+fn neighbours<M: Machine, const REPEAT: bool>(t: M::F, n: M::I) -> (M::I, M::I, M::I) {
     // Not negative, so cutting off the fraction is rounding down; texel centres are at odd multiples of 128.
-    let at = (t * (256 * n) as f32) as i32 - 128;
-    let (low, weight) = (at >> 8, (at & 255) as u32);
-    let high = low + 1;
+    let at = M::minus(M::truncate(M::mul(t, M::from_int(M::left::<8>(n)))), M::int(128));
+    let (low, weight) = (M::right_signed::<8>(at), M::and(at, M::int(255)));
+    let high = M::plus(low, M::int(1));
     if REPEAT {
-        let wrapped = if low < 0 { n - 1 } else { low };
-        (wrapped as u32, (if high == n { 0 } else { high }) as u32, weight)
+        // Texel -1 is the last one, and the one after the last is the first.
+        let wrapped = M::plus(low, M::and(M::right_signed::<31>(low), n));
+        (wrapped, M::without(M::equal(high, n), high), weight)
     } else {
-        (low.max(0) as u32, high.min(n - 1) as u32, weight)
+        (M::larger(low, M::int(0)), M::smaller(high, M::minus(n, M::int(1))), weight)
     }
+}
+
+/// Binary logarithm of a normal positive number; see [`crate::math`] for why it is not the platform's.
+///
+/// log2(1 + m) = m + m (1 - m) r(m) is exact at both ends, so that the result has no jumps; r is a least-squares fit
+/// that leaves an error of 2e-5.
+#[inline(always)]
+fn log2<M: Machine>(x: M::F) -> M::F {
+    let bits = M::bits(x);
+    let exponent = M::from_int(M::minus(M::right::<23>(bits), M::int(127)));
+    let mantissa = M::from_bits(M::or(M::and(bits, M::int(0x007f_ffff)), M::int(0x3f80_0000)));
+    let m = M::sub(mantissa, M::float(1.0));
+    let mut r = M::float(-0.044_423_59);
+    for c in [0.147_508_23, -0.266_877_04, 0.441_899_33] {
+        r = M::mul_then_add(r, m, M::float(c));
+    }
+    let bend = M::mul(M::mul(m, M::sub(M::float(1.0), m)), r);
+    M::add(exponent, M::add(m, bend))
 }
 
 impl Texture {
@@ -286,12 +199,24 @@ impl Texture {
             })
         };
         let (w, h) = (size(width)?, size(rows)?);
-        let faces = data
-            .chunks_exact(width * rows * channels)
-            .map(|face| Pyramid::new(w, h, face.chunks_exact(channels).map(pack).collect()))
-            .collect();
-        let side = if stacked { [0, 1, 2, 3, 4, 5] } else { [0; 6] };
-        Ok(Self { kind, faces, side })
+        let mut texture = Self {
+            kind,
+            width: w,
+            height: h,
+            levels: 1,
+            starts: [0; MOST_LEVELS],
+            face_step: 0,
+            texels: Vec::new(),
+        };
+        for face in data.chunks_exact(width * rows * channels) {
+            let base = texture.texels.len();
+            texture.texels.extend(face.chunks_exact(channels).map(pack));
+            (texture.starts, texture.levels) = add_levels(&mut texture.texels, base, w, h);
+        }
+        if stacked {
+            texture.face_step = u32::try_from(texture.texels.len() / 6).unwrap_or(u32::MAX);
+        }
+        Ok(texture)
     }
 
     /// Flat or cube.
@@ -303,91 +228,134 @@ impl Texture {
     /// Width and height of the finest level, in texels.
     #[expect(clippy::cast_precision_loss, reason = "at most 16384")]
     pub(crate) fn size(&self) -> (f32, f32) {
-        (self.faces[0].width as f32, self.faces[0].height as f32)
+        (self.width as f32, self.height as f32)
     }
 
     /// Colours of a flat texture at `(u, v)`, 0..=255; `rho2` is the squared size of a pixel in finest texels.
     #[inline(always)]
-    pub(crate) fn flat<M: Machine>(&self, u: &Floats, v: &Floats, rho2: &Floats) -> [Floats; 4] {
-        self.faces[0].trilinear::<M, true>(&u.map(fraction), &v.map(fraction), rho2)
+    pub(crate) fn flat<M: Machine>(&self, u: M::F, v: M::F, rho2: M::F) -> [M::F; 4] {
+        let (u, v) = (M::unit(M::sub(u, M::floor(u))), M::unit(M::sub(v, M::floor(v))));
+        self.trilinear::<M, true>(M::int(0), u, v, rho2)
     }
 
-    /// Colours of a cube texture in `direction`, 0..=255; `dx` and `dy` are its changes from pixel to pixel.
+    /// Colours of a cube texture in direction `d`, 0..=255; `dx` and `dy` are its changes from pixel to pixel.
     #[inline(always)]
-    pub(crate) fn cube<M: Machine>(&self, direction: &[Floats; 3], dx: &[Floats; 3], dy: &[Floats; 3]) -> [Floats; 4] {
-        let mut sides = [0; LANES];
-        for i in 0..LANES {
-            sides[i] = side_of([direction[0][i], direction[1][i], direction[2][i]]);
-        }
-        let mut out = self.one_side::<M>(sides[0], direction, dx, dy);
-        // Neighbouring samples nearly always meet the same side.
-        for first in 1..LANES {
-            if !sides[..first].contains(&sides[first]) {
-                let other = self.one_side::<M>(sides[first], direction, dx, dy);
-                for i in (0..LANES).filter(|&i| sides[i] == sides[first]) {
-                    (0..4).for_each(|k| out[k][i] = other[k][i]);
-                }
-            }
-        }
-        out
+    pub(crate) fn cube<M: Machine>(&self, d: [M::F; 3], dx: [M::F; 3], dy: [M::F; 3]) -> [M::F; 4] {
+        let side = Side::<M>::of(d);
+        let (s, t, m) = side.pick(d);
+        let inverse = M::div(M::float(1.0), m);
+        let (a, b) = (M::mul(s, inverse), M::mul(t, inverse));
+        let half = M::float(0.5);
+        let reach = M::mul(inverse, M::float(0.5 * self.size().0));
+        let rho2 = M::max(side.steepness(dx, a, b, reach), side.steepness(dy, a, b, reach));
+        let (u, v) = (M::unit(M::mul_then_add(a, half, half)), M::unit(M::mul_then_add(b, half, half)));
+        self.trilinear::<M, false>(side.start(self.face_step), u, v, rho2)
     }
 
-    /// Colours of lanes that all meet side `side`.
+    /// Trilinear look-up in the face that starts at `base`, at `u`, `v` in 0..=1.
     #[inline(always)]
-    fn one_side<M: Machine>(&self, side: usize, d: &[Floats; 3], dx: &[Floats; 3], dy: &[Floats; 3]) -> [Floats; 4] {
-        let [s, t, m] = SIDES[side];
-        let half = 0.5 * self.size().0;
-        let (mut u, mut v, mut rho2) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-        for i in 0..LANES {
-            let pick = |d: &[Floats; 3]| (s.1 * d[s.0][i], t.1 * d[t.0][i], m.1 * d[m.0][i]);
-            let (sc, tc, ma) = pick(d);
-            let r = 1.0 / ma;
-            let (a, b) = (sc * r, tc * r);
-            let slope = |d: &[Floats; 3]| {
-                let (ds, dt, dm) = pick(d);
-                let (du, dv) = ((ds - a * dm) * r * half, (dt - b * dm) * r * half);
-                du * du + dv * dv
-            };
-            rho2[i] = slope(dx).max(slope(dy));
-            u[i] = (0.5 * (a + 1.0)).clamp(0.0, 1.0);
-            v[i] = (0.5 * (b + 1.0)).clamp(0.0, 1.0);
+    #[expect(clippy::cast_possible_wrap, reason = "at most 15 levels")]
+    fn trilinear<M: Machine, const REPEAT: bool>(&self, base: M::I, u: M::F, v: M::F, rho2: M::F) -> [M::F; 4] {
+        let size = (M::int(self.width as i32), M::int(self.height as i32));
+        let one = M::float(1.0);
+        if !M::any_above(rho2, one) {
+            return self.bilinear::<M, REPEAT>(base, size, u, v).channels();
         }
-        self.faces[self.side[side]].trilinear::<M, false>(&u, &v, &rho2)
+        // Level zero for everything magnified; NaN has been turned into it as well.
+        let last = M::int(self.levels as i32 - 1);
+        let lod = M::min(M::mul(M::float(0.5), log2::<M>(M::max(rho2, one))), M::from_int(last));
+        let fine = M::truncate(lod);
+        let coarse = M::smaller(M::plus(fine, M::int(1)), last);
+        let weight = M::truncate(M::mul(M::sub(lod, M::from_int(fine)), M::float(256.0)));
+        let near = self.at_level::<M, REPEAT>(base, fine, u, v);
+        near.blended(self.at_level::<M, REPEAT>(base, coarse, u, v), weight).channels()
+    }
+
+    /// Bilinear look-up in one level for each lane, of the face that starts at `base`.
+    #[inline(always)]
+    #[expect(clippy::cast_possible_wrap, reason = "sizes are at most 16384")]
+    fn at_level<M: Machine, const REPEAT: bool>(&self, base: M::I, level: M::I, u: M::F, v: M::F) -> Texels<M> {
+        let start = M::plus(base, M::look_up(&self.starts, level));
+        let width = M::larger(M::right_by(M::int(self.width as i32), level), M::int(1));
+        let height = M::larger(M::right_by(M::int(self.height as i32), level), M::int(1));
+        self.bilinear::<M, REPEAT>(start, (width, height), u, v)
+    }
+
+    /// Bilinear look-up in the picture of size `(w, h)` that starts at `start`.
+    #[inline(always)]
+    fn bilinear<M: Machine, const REPEAT: bool>(&self, start: M::I, (w, h): (M::I, M::I), u: M::F, v: M::F) -> Texels<M> {
+        let (x0, x1, wx) = neighbours::<M, REPEAT>(u, w);
+        let (y0, y1, wy) = neighbours::<M, REPEAT>(v, h);
+        let top = M::plus(start, M::times_small(y0, w));
+        let bottom = M::plus(start, M::times_small(y1, w));
+        let both = M::right::<8>(M::plus(M::times_small(wx, wy), M::int(128)));
+        let (right, down) = (M::minus(wx, both), M::minus(wy, both));
+        let rest = M::minus(M::minus(M::int(256), wx), down);
+        let taps = [
+            M::look_up(&self.texels, M::plus(top, x0)),
+            M::look_up(&self.texels, M::plus(top, x1)),
+            M::look_up(&self.texels, M::plus(bottom, x0)),
+            M::look_up(&self.texels, M::plus(bottom, x1)),
+        ];
+        Texels::weighted(taps, [rest, right, down, both])
     }
 }
 
-/// The part after the point, in 0..=1.
-#[inline(always)]
-#[expect(clippy::cast_precision_loss, reason = "only the fraction is kept")]
-fn fraction(x: f32) -> f32 {
-    (x - floor_i32(x) as f32).clamp(0.0, 1.0)
+/// Which side of the cube each lane meets: axis as masks, and the sign along it (OpenGL, table 8.19).
+struct Side<M: Machine> {
+    is_x: M::I,
+    is_y: M::I,
+    /// The sign bit of the direction along its axis.
+    sign: M::I,
 }
 
-/// Which component of a direction plays a part, and its sign there.
-type Signed = (usize, f32);
+impl<M: Machine> Side<M> {
+    #[inline(always)]
+    fn of(d: [M::F; 3]) -> Self {
+        let sign_bit = M::int(i32::MIN);
+        let x = M::from_bits(M::without(sign_bit, M::bits(d[0])));
+        let y = M::from_bits(M::without(sign_bit, M::bits(d[1])));
+        let z = M::from_bits(M::without(sign_bit, M::bits(d[2])));
+        // Ties go to x, then to y.
+        let is_x = M::without(M::or(M::above(y, x), M::above(z, x)), M::int(-1));
+        let is_y = M::without(M::or(is_x, M::above(z, y)), M::int(-1));
+        let along = M::choose(is_x, d[0], M::choose(is_y, d[1], d[2]));
+        Self { is_x, is_y, sign: M::and(M::bits(along), sign_bit) }
+    }
 
-/// For each side of the cube which components are its s, t and depth (OpenGL, table 8.19).
-const SIDES: [[Signed; 3]; 6] = [
-    [(2, -1.0), (1, -1.0), (0, 1.0)],
-    [(2, 1.0), (1, -1.0), (0, -1.0)],
-    [(0, 1.0), (2, 1.0), (1, 1.0)],
-    [(0, 1.0), (2, -1.0), (1, -1.0)],
-    [(0, 1.0), (1, -1.0), (2, 1.0)],
-    [(0, -1.0), (1, -1.0), (2, -1.0)],
-];
+    /// The components of a direction that are s, t and depth on this side.
+    #[inline(always)]
+    fn pick(&self, d: [M::F; 3]) -> (M::F, M::F, M::F) {
+        let minus = M::xor(self.sign, M::int(i32::MIN));
+        let s = M::choose(self.is_x, flipped::<M>(d[2], minus), M::choose(self.is_y, d[0], flipped::<M>(d[0], self.sign)));
+        let t = M::choose(self.is_y, flipped::<M>(d[2], self.sign), flipped::<M>(d[1], M::int(i32::MIN)));
+        let along = M::choose(self.is_x, d[0], M::choose(self.is_y, d[1], d[2]));
+        (s, t, flipped::<M>(along, self.sign))
+    }
 
-/// Side of the cube that a direction meets.
+    /// Squared slope of s / depth and t / depth, which are `a` and `b`, for a change `d` of the direction.
+    #[inline(always)]
+    fn steepness(&self, d: [M::F; 3], a: M::F, b: M::F, reach: M::F) -> M::F {
+        let (ds, dt, dm) = self.pick(d);
+        let du = M::mul(M::sub(ds, M::mul(a, dm)), reach);
+        let dv = M::mul(M::sub(dt, M::mul(b, dm)), reach);
+        M::add(M::mul(du, du), M::mul(dv, dv))
+    }
+
+    /// Where the side's face starts: its number (+x, -x, +y, -y, +z, -z) times `step`.
+    #[inline(always)]
+    #[expect(clippy::cast_possible_wrap, reason = "textures are shorter than 2^31")]
+    fn start(&self, step: u32) -> M::I {
+        let step = step as i32;
+        let from_axis = M::without(self.is_x, M::or(M::and(self.is_y, M::int(2 * step)), M::without(self.is_y, M::int(4 * step))));
+        M::plus(from_axis, M::and(M::right_signed::<31>(self.sign), M::int(step)))
+    }
+}
+
+/// A number with another sign where `sign` has its highest bit.
 #[inline(always)]
-fn side_of(d: V3) -> usize {
-    let a = [d[0].abs(), d[1].abs(), d[2].abs()];
-    let axis = if a[0] >= a[1] && a[0] >= a[2] {
-        0
-    } else if a[1] >= a[2] {
-        1
-    } else {
-        2
-    };
-    2 * axis + usize::from(d[axis] < 0.0)
+fn flipped<M: Machine>(v: M::F, sign: M::I) -> M::F {
+    M::from_bits(M::xor(M::bits(v), sign))
 }
 
 /// Three or four bytes as one texel; without a fourth it is opaque.
