@@ -8,7 +8,8 @@ use crate::fill::{Colours, Fill, Job, Scratch};
 use crate::frame::{Frame, Into, Listed, SKY_REACH, is_seen_from_behind, origin_of};
 use crate::light::Lamps;
 use crate::scene::{Part, Scene, Shape};
-use crate::shade::{Kind, NodeCache, Role, Shader};
+use crate::lanes::Kind;
+use crate::shade::{NodeCache, Role, Shader};
 use crate::view::{Projection, View, dot64};
 
 /// How edges are smoothed.
@@ -73,12 +74,13 @@ impl Canvas {
             Antialias::Multisample => (height, width, &TURNED_GRID),
             Antialias::Supersample => (2 * height, 2 * width, &MIDDLE),
         };
+        let kind = Kind::detect();
         Ok(Self {
             height,
             width,
             antialias,
-            kind: Kind::detect(),
-            cover: Cover::new(h, w, offsets),
+            kind,
+            cover: Cover::new(h, w, offsets, kind),
             plain: None,
             frame: Frame::default(),
             colours: Colours::new(h, w),
@@ -97,6 +99,8 @@ impl Canvas {
     /// Gives up vector instructions; the picture stays the same to the last bit, which is what this is for.
     pub fn use_plain_instructions(&mut self) {
         self.kind = Kind::Plain;
+        self.cover.kind = Kind::Plain;
+        self.plain = None;
     }
 
     /// Draws colours into `out`, three bytes a pixel, top row first.
@@ -169,7 +173,7 @@ impl Canvas {
         let cover = if self.antialias == Antialias::Off {
             &mut self.cover
         } else {
-            self.plain.get_or_insert_with(|| Box::new(Cover::new(self.height, self.width, &MIDDLE)))
+            self.plain.get_or_insert_with(|| Box::new(Cover::new(self.height, self.width, &MIDDLE, self.kind)))
         };
         self.frame.clear();
         cover.clear(projection.depth_range);

@@ -9,10 +9,8 @@
 //!
 //! This pass writes depth and face number only. Colours come later, once per visible sample ([`crate::shade`]).
 
+use crate::lanes::{Kind, MOST_LANES, Machine, Plain};
 use crate::math::{V3, add, cross, dot, scale, sub};
-
-/// Samples handled together; rows of the buffers are padded to a multiple of it.
-pub(crate) const LANES: usize = 8;
 
 /// Face number of the background.
 pub(crate) const NOTHING: u32 = u32::MAX;
@@ -84,6 +82,8 @@ pub(crate) struct Cover {
     columns: Vec<f32>,
     /// `Z / W` of the near plane.
     pub(crate) nearest: f32,
+    /// What this machine can do.
+    pub(crate) kind: Kind,
 }
 
 /// Middle of pixel `i` of `n`, relative to the middle of the picture.
@@ -93,8 +93,9 @@ pub(crate) fn middle(i: usize, n: usize) -> f32 {
 }
 
 impl Cover {
-    pub(crate) fn new(height: usize, width: usize, offsets: &[Offset]) -> Self {
-        let stride = width.div_ceil(LANES) * LANES;
+    pub(crate) fn new(height: usize, width: usize, offsets: &[Offset], kind: Kind) -> Self {
+        // A run of lanes may start at any pixel, so that rows have spare places at their end.
+        let stride = width + MOST_LANES;
         let len = stride * height * offsets.len();
         Self {
             width,
@@ -105,6 +106,7 @@ impl Cover {
             face: vec![NOTHING; len],
             columns: (0..stride).map(|i| middle(i, width)).collect(),
             nearest: 0.0,
+            kind,
         }
     }
 
@@ -157,17 +159,45 @@ impl Cover {
     /// Draws a face into depth and face numbers.
     #[inline(always)]
     pub(crate) fn draw<const N: usize>(&mut self, outline: &Outline<N>, window: Window, number: u32) {
-        let (layer, from) = (self.layer(), window.x0 / LANES * LANES);
-        for s in 0..self.offsets.len() {
-            let [ox, oy] = self.offsets[s];
+        match self.kind {
+            Kind::Plain => self.draw_lanes::<Plain, N>(outline, window, number),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: `Kind::Avx2` is only made by `detect`, after it found AVX2.
+            Kind::Avx2 => unsafe { self.draw_avx2(outline, window, number) },
+        }
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn draw_avx2<const N: usize>(&mut self, outline: &Outline<N>, window: Window, number: u32) {
+        self.draw_lanes::<crate::lanes::Avx2, N>(outline, window, number);
+    }
+
+    #[inline(always)]
+    fn draw_lanes<M: Machine, const N: usize>(&mut self, outline: &Outline<N>, window: Window, number: u32) {
+        let (layer, len) = (self.layer(), (window.x1 - window.x0).next_multiple_of(MOST_LANES));
+        let (nearest, number) = (M::float(self.nearest), M::int(number.cast_signed()));
+        let columns = &self.columns[window.x0..window.x0 + len];
+        for (s, &[ox, oy]) in self.offsets.iter().enumerate() {
             for y in window.y0..window.y1 {
-                let row = outline.row(oy - middle(y, self.height), ox);
-                let start = s * layer + y * self.stride;
-                let depth = &mut self.depth[start..start + self.stride];
-                let face = &mut self.face[start..start + self.stride];
-                for x in (from..window.x1).step_by(LANES) {
-                    let (depth, face, columns) = lanes3(depth, face, &self.columns, x);
-                    row.write(columns, depth, face, self.nearest, number);
+                let row = outline.row(oy - middle(y, self.height));
+                let start = s * layer + y * self.stride + window.x0;
+                let depth = self.depth[start..start + len].as_chunks_mut::<MOST_LANES>().0;
+                let face = self.face[start..start + len].as_chunks_mut::<MOST_LANES>().0;
+                let columns = columns.as_chunks::<MOST_LANES>().0;
+                for ((depth, face), columns) in depth.iter_mut().zip(face).zip(columns) {
+                    let x = M::add(M::load(columns), M::float(ox));
+                    let z = M::mul_then_add(M::float(row.depth_slope), x, M::float(row.depth_constant));
+                    let old = M::load(depth);
+                    let mut is_seen = M::and(M::at_least(z, old), M::at_least(nearest, z));
+                    for k in 0..N {
+                        let e = M::mul_then_add(M::float(row.slope[k]), x, M::float(row.constant[k]));
+                        is_seen = M::and(is_seen, M::at_least(e, M::float(row.least[k])));
+                    }
+                    if M::any(is_seen) {
+                        *depth = M::store(M::choose(is_seen, z, old));
+                        *face = M::store_ints(M::choose_ints(is_seen, number, M::load_ints(face)));
+                    }
                 }
             }
         }
@@ -185,8 +215,8 @@ impl Cover {
             for x in window.x0..window.x1 {
                 let mut mask = 0;
                 for (s, &[ox, oy]) in self.offsets.iter().enumerate() {
-                    let row = outline.row(oy - middle(y, self.height), ox);
-                    let z = row.at(self.columns[x]);
+                    let row = outline.row(oy - middle(y, self.height));
+                    let z = row.at(self.columns[x] + ox);
                     let passes = z.is_some_and(|z| z <= self.nearest && z >= self.depth[s * layer + y * self.stride + x]);
                     mask |= u8::from(passes) << s;
                 }
@@ -195,20 +225,6 @@ impl Cover {
                 }
             }
         }
-    }
-}
-
-/// Eight neighbouring entries of three rows.
-#[inline(always)]
-fn lanes3<'a>(
-    depth: &'a mut [f32],
-    face: &'a mut [u32],
-    columns: &'a [f32],
-    x: usize,
-) -> (&'a mut [f32; LANES], &'a mut [u32; LANES], &'a [f32; LANES]) {
-    match (depth[x..].first_chunk_mut(), face[x..].first_chunk_mut(), columns[x..].first_chunk()) {
-        (Some(d), Some(f), Some(c)) => (d, f, c),
-        _ => unreachable!("rows are padded to whole lanes"),
     }
 }
 
@@ -246,43 +262,26 @@ struct Row<const N: usize> {
     least: [f32; N],
     depth_slope: f32,
     depth_constant: f32,
-    shift: f32,
 }
 
 impl<const N: usize> Outline<N> {
-    /// Value of all functions along a row at height `y` with samples shifted by `shift`.
+    /// All functions along a row at height `y`.
     #[inline(always)]
-    fn row(&self, y: f32, shift: f32) -> Row<N> {
+    fn row(&self, y: f32) -> Row<N> {
         Row {
             slope: self.edges.map(|e| e[0]),
             constant: self.edges.map(|e| e[1] * y + e[2]),
             least: self.least,
             depth_slope: self.depth[0],
             depth_constant: self.depth[1] * y + self.depth[2],
-            shift,
         }
     }
 }
 
 impl<const N: usize> Row<N> {
+    /// Depth at `x`, if it is inside.
     #[inline(always)]
-    fn write(&self, columns: &[f32; LANES], depth: &mut [f32; LANES], face: &mut [u32; LANES], nearest: f32, number: u32) {
-        for i in 0..LANES {
-            let x = columns[i] + self.shift;
-            let z = self.depth_slope * x + self.depth_constant;
-            let mut is_seen = (z >= depth[i]) & (z <= nearest);
-            for k in 0..N {
-                is_seen &= self.slope[k] * x + self.constant[k] >= self.least[k];
-            }
-            depth[i] = if is_seen { z } else { depth[i] };
-            face[i] = if is_seen { number } else { face[i] };
-        }
-    }
-
-    /// Depth at a column, if it is inside.
-    #[inline(always)]
-    fn at(&self, column: f32) -> Option<f32> {
-        let x = column + self.shift;
+    fn at(&self, x: f32) -> Option<f32> {
         let is_inside = (0..N).all(|k| self.slope[k] * x + self.constant[k] >= self.least[k]);
         is_inside.then_some(self.depth_slope * x + self.depth_constant)
     }

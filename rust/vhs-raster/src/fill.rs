@@ -1,8 +1,8 @@
 //! Colours for the picture: walks the visible faces row by row and has their samples shaded in runs.
 
 use crate::cover::{Cover, Drawn, NOTHING, middle};
-use crate::lanes::MOST_LANES;
-use crate::shade::{Kind, Places, Ready, Shader, shade_run};
+use crate::lanes::{Kind, MOST_LANES};
+use crate::shade::{Places, Ready, Shader, shade_run};
 
 /// One face in one pixel.
 #[derive(Debug, Clone, Copy)]

@@ -40,6 +40,14 @@ pub(crate) trait Machine {
     fn min(a: Self::F, b: Self::F) -> Self::F;
     /// All ones where `a > b`, else zero.
     fn above(a: Self::F, b: Self::F) -> Self::I;
+    /// All ones where `a >= b`, else zero.
+    fn at_least(a: Self::F, b: Self::F) -> Self::I;
+    /// Whether the highest bit is set in any lane.
+    fn any(mask: Self::I) -> bool;
+    /// The number that all lanes hold, if they hold the same.
+    fn common(a: Self::I) -> Option<i32>;
+    /// Lanes from memory.
+    fn load_ints(x: &[u32; MOST_LANES]) -> Self::I;
     /// Whether `a > b` in any lane.
     fn any_above(a: Self::F, b: Self::F) -> bool;
     /// Without the part after the point; `i32::MIN` where that does not fit.
@@ -89,6 +97,12 @@ pub(crate) trait Machine {
         Self::from_bits(Self::or(Self::and(mask, Self::bits(a)), Self::without(mask, Self::bits(b))))
     }
 
+    /// `a` where `mask` is all ones, `b` where it is zero.
+    #[inline(always)]
+    fn choose_ints(mask: Self::I, a: Self::I, b: Self::I) -> Self::I {
+        Self::or(Self::and(mask, a), Self::without(mask, b))
+    }
+
     /// Largest whole number not above `a`, for numbers that fit in i32.
     #[inline(always)]
     fn floor(a: Self::F) -> Self::F {
@@ -107,6 +121,27 @@ pub(crate) trait Machine {
     #[inline(always)]
     fn mul_then_add(a: Self::F, b: Self::F, c: Self::F) -> Self::F {
         Self::add(Self::mul(a, b), c)
+    }
+}
+
+/// What this machine can do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// Any machine.
+    Plain,
+    /// One on which AVX2 was found.
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+}
+
+impl Kind {
+    /// The best kind that this machine is.
+    pub(crate) fn detect() -> Self {
+        #[cfg(target_arch = "x86_64")]
+        if std::arch::is_x86_feature_detected!("avx2") {
+            return Self::Avx2;
+        }
+        Self::Plain
     }
 }
 
@@ -185,6 +220,22 @@ impl Machine for Plain {
     #[inline(always)]
     fn above(a: Self::F, b: Self::F) -> Self::I {
         both(a, b, |a, b| -i32::from(a > b))
+    }
+    #[inline(always)]
+    fn at_least(a: Self::F, b: Self::F) -> Self::I {
+        both(a, b, |a, b| -i32::from(a >= b))
+    }
+    #[inline(always)]
+    fn any(mask: Self::I) -> bool {
+        mask.iter().any(|&m| m < 0)
+    }
+    #[inline(always)]
+    fn common(a: Self::I) -> Option<i32> {
+        a.iter().all(|&x| x == a[0]).then_some(a[0])
+    }
+    #[inline(always)]
+    fn load_ints(x: &[u32; MOST_LANES]) -> Self::I {
+        each(*x, |x| x as i32)
     }
     #[inline(always)]
     fn any_above(a: Self::F, b: Self::F) -> bool {
@@ -312,6 +363,7 @@ mod avx2 {
             max(a: F, b: F) -> F = _mm256_max_ps(a, b);
             min(a: F, b: F) -> F = _mm256_min_ps(a, b);
             above(a: F, b: F) -> I = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_GT_OQ>(a, b));
+            at_least(a: F, b: F) -> I = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_GE_OQ>(a, b));
             truncate(a: F) -> I = _mm256_cvttps_epi32(a);
             from_int(a: I) -> F = _mm256_cvtepi32_ps(a);
             bits(a: F) -> I = _mm256_castps_si256(a);
@@ -359,6 +411,25 @@ mod avx2 {
             // SAFETY: as above, and 32 bytes are writable behind the pointer.
             unsafe { _mm256_storeu_si256(out.as_mut_ptr().cast(), x) };
             out
+        }
+        #[inline(always)]
+        fn load_ints(x: &[u32; MOST_LANES]) -> __m256i {
+            // SAFETY: as above, and 32 bytes are readable behind the reference.
+            unsafe { _mm256_loadu_si256(x.as_ptr().cast()) }
+        }
+        #[inline(always)]
+        fn any(mask: __m256i) -> bool {
+            // SAFETY: as above.
+            unsafe { _mm256_movemask_ps(_mm256_castsi256_ps(mask)) != 0 }
+        }
+        #[inline(always)]
+        fn common(a: __m256i) -> Option<i32> {
+            // SAFETY: as above.
+            unsafe {
+                let first = _mm_cvtsi128_si32(_mm256_castsi256_si128(a));
+                let same = _mm256_cmpeq_epi32(a, _mm256_set1_epi32(first));
+                (_mm256_movemask_epi8(same) == -1).then_some(first)
+            }
         }
         #[inline(always)]
         fn any_above(a: __m256, b: __m256) -> bool {

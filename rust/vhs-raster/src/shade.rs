@@ -5,7 +5,7 @@
 //! looked up for every sample, in perspective.
 
 use crate::cover::Drawn;
-use crate::lanes::{MOST_LANES, Machine, Plain};
+use crate::lanes::{Kind, MOST_LANES, Machine, Plain};
 use crate::light::Lamps;
 use crate::math::{V3, add, mul3, normalize, scale, sub, times};
 use crate::scene::{Mapping, Scene, Surface};
@@ -53,7 +53,8 @@ enum Light {
 #[derive(Debug, Clone, Copy)]
 enum Paint {
     None,
-    Flat { texture: usize, rows: [V3; 2] },
+    /// Slopes of both coordinates along x and along y, see [`slope_of`].
+    Flat { texture: usize, rows: [V3; 2], slopes: [[f32; 2]; 4] },
     Cube { texture: usize, rows: [V3; 3] },
     /// Haze: the coordinate is its opacity.
     Opacity { row: V3 },
@@ -104,27 +105,6 @@ pub(crate) struct Shader<'a> {
     pub(crate) lamps: &'a Lamps,
     pub(crate) placed: &'a [Placed],
     pub(crate) nodes: &'a mut NodeCache,
-}
-
-/// What this machine can do.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Kind {
-    /// Any machine.
-    Plain,
-    /// One on which AVX2 was found.
-    #[cfg(target_arch = "x86_64")]
-    Avx2,
-}
-
-impl Kind {
-    /// The best kind that this machine is.
-    pub(crate) fn detect() -> Self {
-        #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            return Self::Avx2;
-        }
-        Self::Plain
-    }
 }
 
 /// Where samples are in the picture, relative to its middle, y upwards.
@@ -274,19 +254,26 @@ impl Shader<'_> {
             Mapping::Surface { scale, offset } => {
                 let uv = uv_of(solid, drawn.face);
                 let rows = [0, 1].map(|k| row(uv.map(|t| t[k] * scale[k] + offset[k])));
-                Paint::Flat { texture, rows }
+                self.flat(texture, rows, drawn.whole)
             }
             Mapping::Projected { scale } => {
                 let p = frame_of(solid, drawn.face);
                 let s = row(p.map(|p| 0.5 * scale[0] * p[0] - 0.5));
                 let t = row(p.map(|p| -0.5 * scale[1] * p[1] - 0.5));
-                Paint::Flat { texture, rows: [s, t] }
+                self.flat(texture, [s, t], drawn.whole)
             }
             Mapping::Cube { scale } => {
                 let p = frame_of(solid, drawn.face);
                 Paint::Cube { texture, rows: [0, 1, 2].map(|k| rows_of(p, k, scale[k])) }
             }
         }
+    }
+
+    fn flat(&self, texture: usize, rows: [V3; 2], whole: V3) -> Paint {
+        let size = self.scene.spec.textures[texture].size();
+        let (u, v) = (scale(rows[0], size.0), scale(rows[1], size.1));
+        let slopes = [slope_of(u, whole, 0), slope_of(v, whole, 0), slope_of(u, whole, 1), slope_of(v, whole, 1)];
+        Paint::Flat { texture, rows, slopes }
     }
 
     /// Colour of a node, lit on first use.
@@ -348,8 +335,8 @@ impl Shader<'_> {
         let texels = match ready.paint {
             Paint::None => return [red, green, blue, opacity],
             Paint::Opacity { row } => return [red, green, blue, M::unit(M::mul(along(row, batch), w))],
-            Paint::Flat { texture, rows } => {
-                paint_flat::<M>(&self.scene.spec.textures[texture], ready.whole, rows, batch, w)
+            Paint::Flat { texture, rows, slopes } => {
+                paint_flat::<M>(&self.scene.spec.textures[texture], rows, slopes, batch, w)
             }
             Paint::Cube { texture, rows } => {
                 paint_cube::<M>(&self.scene.spec.textures[texture], ready.whole, rows, batch, w)
@@ -454,26 +441,34 @@ fn uv_of(solid: &Solid, face: u32) -> [[f32; 2]; 3] {
 
 /// Colours of a flat texture, 0..=255.
 #[inline(always)]
-fn paint_flat<M: Machine>(texture: &Texture, whole: V3, rows: [V3; 2], batch: &Batch<M>, w: M::F) -> [M::F; 4] {
-    let size = texture.size();
-    let (u, v) = (scale(rows[0], size.0), scale(rows[1], size.1));
-    let along_x = M::add(squared_slope::<M>(u, whole, 0, 1, batch.y), squared_slope::<M>(v, whole, 0, 1, batch.y));
-    let along_y = M::add(squared_slope::<M>(u, whole, 1, 0, batch.x), squared_slope::<M>(v, whole, 1, 0, batch.x));
+fn paint_flat<M: Machine>(
+    texture: &Texture,
+    rows: [V3; 2],
+    [u_x, v_x, u_y, v_y]: [[f32; 2]; 4],
+    batch: &Batch<M>,
+    w: M::F,
+) -> [M::F; 4] {
+    let along_x = M::add(squared::<M>(u_x, batch.y), squared::<M>(v_x, batch.y));
+    let along_y = M::add(squared::<M>(u_y, batch.x), squared::<M>(v_y, batch.x));
     let w2 = M::mul(w, w);
     let rho2 = M::mul(M::max(along_x, along_y), M::mul(w2, w2));
     texture.flat::<M>(M::mul(along(rows[0], batch), w), M::mul(along(rows[1], batch), w), rho2)
 }
 
-/// Squared slope of a coordinate along one axis of the picture, times W to the power of -4.
+/// Square of `slope[0] * at + slope[1]`.
+#[inline(always)]
+fn squared<M: Machine>(slope: [f32; 2], at: M::F) -> M::F {
+    let value = M::mul_then_add(M::float(slope[0]), at, M::float(slope[1]));
+    M::mul(value, value)
+}
+
+/// Slope of a coordinate along axis 0 or 1 of the picture, over W squared, as a linear function of the other axis.
 ///
 /// Of u = (a . d) / (b . d), the slope along x is (a_x (b . d) - b_x (a . d)) / (b . d)^2; the terms with x cancel in
 /// its numerator, which leaves two components of a cross product. The same goes for y.
-#[inline(always)]
-fn squared_slope<M: Machine>(row: V3, whole: V3, axis: usize, other: usize, across: M::F) -> M::F {
-    let grows = row[axis] * whole[other] - row[other] * whole[axis];
-    let starts = row[axis] * whole[2] - row[2] * whole[axis];
-    let slope = M::mul_then_add(M::float(grows), across, M::float(starts));
-    M::mul(slope, slope)
+fn slope_of(row: V3, whole: V3, axis: usize) -> [f32; 2] {
+    let other = 1 - axis;
+    [row[axis] * whole[other] - row[other] * whole[axis], row[axis] * whole[2] - row[2] * whole[axis]]
 }
 
 /// Colours of a cube texture, 0..=255.

@@ -273,8 +273,14 @@ impl Texture {
 
     /// Bilinear look-up in one level for each lane, of the face that starts at `base`.
     #[inline(always)]
-    #[expect(clippy::cast_possible_wrap, reason = "sizes are at most 16384")]
+    #[expect(clippy::cast_possible_wrap, clippy::cast_sign_loss, reason = "sizes and levels are small")]
     fn at_level<M: Machine, const REPEAT: bool>(&self, base: M::I, level: M::I, u: M::F, v: M::F) -> Texels<M> {
+        // Neighbouring samples mostly agree on the level, and then its numbers need no look-up.
+        if let Some(level) = M::common(level) {
+            let start = M::plus(base, M::int(self.starts[level as usize % MOST_LEVELS] as i32));
+            let size = ((self.width >> level).max(1) as i32, (self.height >> level).max(1) as i32);
+            return self.bilinear::<M, REPEAT>(start, (M::int(size.0), M::int(size.1)), u, v);
+        }
         let start = M::plus(base, M::look_up(&self.starts, level));
         let width = M::larger(M::right_by(M::int(self.width as i32), level), M::int(1));
         let height = M::larger(M::right_by(M::int(self.height as i32), level), M::int(1));
