@@ -162,8 +162,9 @@ impl Cover {
         match self.kind {
             Kind::Plain => self.draw_lanes::<Plain, N>(outline, window, number),
             #[cfg(target_arch = "x86_64")]
-            // SAFETY: `Kind::Avx2` is only made by `detect`, after it found AVX2.
-            Kind::Avx2 => unsafe { self.draw_avx2(outline, window, number) },
+            // Faces are small: sixteen lanes would mostly be idle.
+            // SAFETY: both kinds are only made by `detect`, after it found what AVX2 needs; AVX-512 includes it.
+            Kind::Avx2 | Kind::Avx512 => unsafe { self.draw_avx2(outline, window, number) },
         }
     }
 
@@ -175,17 +176,17 @@ impl Cover {
 
     #[inline(always)]
     fn draw_lanes<M: Machine, const N: usize>(&mut self, outline: &Outline<N>, window: Window, number: u32) {
-        let (layer, len) = (self.layer(), (window.x1 - window.x0).next_multiple_of(MOST_LANES));
+        let (layer, len) = (self.layer(), (window.x1 - window.x0).next_multiple_of(M::LANES));
         let (nearest, number) = (M::float(self.nearest), M::int(number.cast_signed()));
         let columns = &self.columns[window.x0..window.x0 + len];
         for (s, &[ox, oy]) in self.offsets.iter().enumerate() {
             for y in window.y0..window.y1 {
                 let row = outline.row(oy - middle(y, self.height));
                 let start = s * layer + y * self.stride + window.x0;
-                let depth = self.depth[start..start + len].as_chunks_mut::<MOST_LANES>().0;
-                let face = self.face[start..start + len].as_chunks_mut::<MOST_LANES>().0;
-                let columns = columns.as_chunks::<MOST_LANES>().0;
-                for ((depth, face), columns) in depth.iter_mut().zip(face).zip(columns) {
+                let depth = self.depth[start..start + len].chunks_exact_mut(M::LANES);
+                let face = self.face[start..start + len].chunks_exact_mut(M::LANES);
+                let columns = columns.chunks_exact(M::LANES);
+                for ((depth, face), columns) in depth.zip(face).zip(columns) {
                     let x = M::add(M::load(columns), M::float(ox));
                     let z = M::mul_then_add(M::float(row.depth_slope), x, M::float(row.depth_constant));
                     let old = M::load(depth);
@@ -195,8 +196,8 @@ impl Cover {
                         is_seen = M::and(is_seen, M::at_least(e, M::float(row.least[k])));
                     }
                     if M::any(is_seen) {
-                        *depth = M::store(M::choose(is_seen, z, old));
-                        *face = M::store_ints(M::choose_ints(is_seen, number, M::load_ints(face)));
+                        M::store(M::choose(is_seen, z, old), depth);
+                        M::store_ints(M::choose_ints(is_seen, number, M::load_ints(face)), face);
                     }
                 }
             }

@@ -6,11 +6,14 @@
 
 use std::fmt::Debug;
 
-/// Most lanes any machine here has; rows of pictures have this many spare places.
-pub(crate) const MOST_LANES: usize = 8;
+/// Most lanes any machine here has; rows of pictures have this many spare places, and runs of samples are padded to
+/// a multiple of it.
+pub(crate) const MOST_LANES: usize = 16;
 
 /// Lanes of numbers and what can be done with them.
 pub(crate) trait Machine {
+    /// How many lanes there are; divides [`MOST_LANES`].
+    const LANES: usize;
     /// Lanes of f32.
     type F: Copy + Debug;
     /// Lanes of 32 bits.
@@ -21,11 +24,11 @@ pub(crate) trait Machine {
     /// The same number in all lanes.
     fn int(x: i32) -> Self::I;
     /// Lanes from memory.
-    fn load(x: &[f32; MOST_LANES]) -> Self::F;
+    fn load(x: &[f32]) -> Self::F;
     /// Lanes to memory.
-    fn store(x: Self::F) -> [f32; MOST_LANES];
+    fn store(x: Self::F, out: &mut [f32]);
     /// Lanes to memory.
-    fn store_ints(x: Self::I) -> [u32; MOST_LANES];
+    fn store_ints(x: Self::I, out: &mut [u32]);
     /// `a + b`.
     fn add(a: Self::F, b: Self::F) -> Self::F;
     /// `a - b`.
@@ -47,7 +50,7 @@ pub(crate) trait Machine {
     /// The number that all lanes hold, if they hold the same.
     fn common(a: Self::I) -> Option<i32>;
     /// Lanes from memory.
-    fn load_ints(x: &[u32; MOST_LANES]) -> Self::I;
+    fn load_ints(x: &[u32]) -> Self::I;
     /// Whether `a > b` in any lane.
     fn any_above(a: Self::F, b: Self::F) -> bool;
     /// Without the part after the point; `i32::MIN` where that does not fit.
@@ -75,11 +78,11 @@ pub(crate) trait Machine {
     /// Bits in `b` but not in `a`.
     fn without(a: Self::I, b: Self::I) -> Self::I;
     /// Shifted left.
-    fn left<const N: i32>(a: Self::I) -> Self::I;
+    fn left(a: Self::I, n: u32) -> Self::I;
     /// Shifted right, zeros coming in.
-    fn right<const N: i32>(a: Self::I) -> Self::I;
+    fn right(a: Self::I, n: u32) -> Self::I;
     /// Shifted right, copies of the sign coming in.
-    fn right_signed<const N: i32>(a: Self::I) -> Self::I;
+    fn right_signed(a: Self::I, n: u32) -> Self::I;
     /// Shifted right by as many bits as `n` says, 0..32, zeros coming in.
     fn right_by(a: Self::I, n: Self::I) -> Self::I;
     /// The larger, signed.
@@ -132,14 +135,23 @@ pub(crate) enum Kind {
     /// One on which AVX2 was found.
     #[cfg(target_arch = "x86_64")]
     Avx2,
+    /// One on which AVX-512 was found.
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
 }
 
 impl Kind {
     /// The best kind that this machine is.
     pub(crate) fn detect() -> Self {
         #[cfg(target_arch = "x86_64")]
-        if std::arch::is_x86_feature_detected!("avx2") {
-            return Self::Avx2;
+        {
+            use std::arch::is_x86_feature_detected as has;
+            if has!("avx512f") && has!("avx512bw") && has!("avx512dq") {
+                return Self::Avx512;
+            }
+            if has!("avx2") {
+                return Self::Avx2;
+            }
         }
         Self::Plain
     }
@@ -170,28 +182,31 @@ fn both<T: Copy, U: Copy + Default, const N: usize>(a: [T; N], b: [T; N], f: imp
 #[expect(clippy::cast_possible_wrap, clippy::cast_sign_loss, reason = "lanes are 32 bits, signed or not")]
 #[expect(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "as documented in the trait")]
 impl Machine for Plain {
-    type F = [f32; MOST_LANES];
-    type I = [i32; MOST_LANES];
+    const LANES: usize = 8;
+    type F = [f32; 8];
+    type I = [i32; 8];
 
     #[inline(always)]
     fn float(x: f32) -> Self::F {
-        [x; MOST_LANES]
+        [x; 8]
     }
     #[inline(always)]
     fn int(x: i32) -> Self::I {
-        [x; MOST_LANES]
+        [x; 8]
     }
     #[inline(always)]
-    fn load(x: &[f32; MOST_LANES]) -> Self::F {
-        *x
+    fn load(x: &[f32]) -> Self::F {
+        let mut out = [0.0; 8];
+        out.copy_from_slice(&x[..8]);
+        out
     }
     #[inline(always)]
-    fn store(x: Self::F) -> [f32; MOST_LANES] {
-        x
+    fn store(x: Self::F, out: &mut [f32]) {
+        out[..8].copy_from_slice(&x);
     }
     #[inline(always)]
-    fn store_ints(x: Self::I) -> [u32; MOST_LANES] {
-        each(x, |x| x as u32)
+    fn store_ints(x: Self::I, out: &mut [u32]) {
+        out[..8].copy_from_slice(&each(x, |x| x as u32));
     }
     #[inline(always)]
     fn add(a: Self::F, b: Self::F) -> Self::F {
@@ -234,8 +249,10 @@ impl Machine for Plain {
         a.iter().all(|&x| x == a[0]).then_some(a[0])
     }
     #[inline(always)]
-    fn load_ints(x: &[u32; MOST_LANES]) -> Self::I {
-        each(*x, |x| x as i32)
+    fn load_ints(x: &[u32]) -> Self::I {
+        let mut out = [0; 8];
+        out.copy_from_slice(&x[..8]);
+        each(out, |x: u32| x as i32)
     }
     #[inline(always)]
     fn any_above(a: Self::F, b: Self::F) -> bool {
@@ -295,16 +312,16 @@ impl Machine for Plain {
         both(a, b, |a, b| !a & b)
     }
     #[inline(always)]
-    fn left<const N: i32>(a: Self::I) -> Self::I {
-        each(a, |a| a << N)
+    fn left(a: Self::I, n: u32) -> Self::I {
+        each(a, |a| a << n)
     }
     #[inline(always)]
-    fn right<const N: i32>(a: Self::I) -> Self::I {
-        each(a, |a| (a as u32 >> N) as i32)
+    fn right(a: Self::I, n: u32) -> Self::I {
+        each(a, |a| (a as u32 >> n) as i32)
     }
     #[inline(always)]
-    fn right_signed<const N: i32>(a: Self::I) -> Self::I {
-        each(a, |a| a >> N)
+    fn right_signed(a: Self::I, n: u32) -> Self::I {
+        each(a, |a| a >> n)
     }
     #[inline(always)]
     fn right_by(a: Self::I, n: Self::I) -> Self::I {
@@ -336,7 +353,7 @@ pub(crate) struct Avx2;
 
 #[cfg(target_arch = "x86_64")]
 mod avx2 {
-    use super::{Avx2, MOST_LANES, Machine};
+    use super::{Avx2, Machine};
     use std::arch::x86_64::*;
 
     /// One operation in terms of one instruction.
@@ -352,6 +369,7 @@ mod avx2 {
 
     #[expect(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "tables are below 2^31 long")]
     impl Machine for Avx2 {
+        const LANES: usize = 8;
         type F = __m256;
         type I = __m256i;
 
@@ -394,26 +412,26 @@ mod avx2 {
             unsafe { _mm256_set1_epi32(x) }
         }
         #[inline(always)]
-        fn load(x: &[f32; MOST_LANES]) -> __m256 {
+        fn load(x: &[f32]) -> __m256 {
+            let x = &x[..8];
             // SAFETY: as above, and eight numbers are readable behind the reference.
             unsafe { _mm256_loadu_ps(x.as_ptr()) }
         }
         #[inline(always)]
-        fn store(x: __m256) -> [f32; MOST_LANES] {
-            let mut out = [0.0; MOST_LANES];
-            // SAFETY: as above, and eight numbers are writable behind the pointer.
+        fn store(x: __m256, out: &mut [f32]) {
+            let out = &mut out[..8];
+            // SAFETY: as above, and eight numbers are writable behind the reference.
             unsafe { _mm256_storeu_ps(out.as_mut_ptr(), x) };
-            out
         }
         #[inline(always)]
-        fn store_ints(x: __m256i) -> [u32; MOST_LANES] {
-            let mut out = [0; MOST_LANES];
-            // SAFETY: as above, and 32 bytes are writable behind the pointer.
+        fn store_ints(x: __m256i, out: &mut [u32]) {
+            let out = &mut out[..8];
+            // SAFETY: as above, and 32 bytes are writable behind the reference.
             unsafe { _mm256_storeu_si256(out.as_mut_ptr().cast(), x) };
-            out
         }
         #[inline(always)]
-        fn load_ints(x: &[u32; MOST_LANES]) -> __m256i {
+        fn load_ints(x: &[u32]) -> __m256i {
+            let x = &x[..8];
             // SAFETY: as above, and 32 bytes are readable behind the reference.
             unsafe { _mm256_loadu_si256(x.as_ptr().cast()) }
         }
@@ -437,19 +455,19 @@ mod avx2 {
             unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(a, b)) != 0 }
         }
         #[inline(always)]
-        fn left<const N: i32>(a: __m256i) -> __m256i {
+        fn left(a: __m256i, n: u32) -> __m256i {
             // SAFETY: as above.
-            unsafe { _mm256_slli_epi32::<N>(a) }
+            unsafe { _mm256_sllv_epi32(a, _mm256_set1_epi32(n.cast_signed())) }
         }
         #[inline(always)]
-        fn right<const N: i32>(a: __m256i) -> __m256i {
+        fn right(a: __m256i, n: u32) -> __m256i {
             // SAFETY: as above.
-            unsafe { _mm256_srli_epi32::<N>(a) }
+            unsafe { _mm256_srlv_epi32(a, _mm256_set1_epi32(n.cast_signed())) }
         }
         #[inline(always)]
-        fn right_signed<const N: i32>(a: __m256i) -> __m256i {
+        fn right_signed(a: __m256i, n: u32) -> __m256i {
             // SAFETY: as above.
-            unsafe { _mm256_srai_epi32::<N>(a) }
+            unsafe { _mm256_srav_epi32(a, _mm256_set1_epi32(n.cast_signed())) }
         }
         #[inline(always)]
         fn look_up(table: &[u32], at: __m256i) -> __m256i {
@@ -458,6 +476,140 @@ mod avx2 {
             unsafe {
                 let at = _mm256_min_epu32(at, _mm256_set1_epi32((table.len() - 1) as i32));
                 _mm256_i32gather_epi32::<4>(table.as_ptr().cast(), at)
+            }
+        }
+    }
+}
+
+/// A machine with AVX-512 (F, BW, DQ); the same care is taken as for [`Avx2`].
+#[cfg(target_arch = "x86_64")]
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Avx512;
+
+#[cfg(target_arch = "x86_64")]
+mod avx512 {
+    use super::{Avx512, Machine};
+    use std::arch::x86_64::*;
+
+    /// One operation in terms of one instruction.
+    macro_rules! by_instruction {
+        ($($name:ident($($arg:ident: $kind:ident),*) -> $out:ident = $body:expr;)*) => {$(
+            #[inline(always)]
+            fn $name($($arg: Self::$kind),*) -> Self::$out {
+                // SAFETY: these instructions touch registers only and need AVX-512, without which `Avx512` is not used.
+                unsafe { $body }
+            }
+        )*};
+    }
+
+    #[expect(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "tables are below 2^31 long")]
+    impl Machine for Avx512 {
+        const LANES: usize = 16;
+        type F = __m512;
+        type I = __m512i;
+
+        by_instruction! {
+            add(a: F, b: F) -> F = _mm512_add_ps(a, b);
+            sub(a: F, b: F) -> F = _mm512_sub_ps(a, b);
+            mul(a: F, b: F) -> F = _mm512_mul_ps(a, b);
+            div(a: F, b: F) -> F = _mm512_div_ps(a, b);
+            max(a: F, b: F) -> F = _mm512_max_ps(a, b);
+            min(a: F, b: F) -> F = _mm512_min_ps(a, b);
+            above(a: F, b: F) -> I = _mm512_movm_epi32(_mm512_cmp_ps_mask::<_CMP_GT_OQ>(a, b));
+            at_least(a: F, b: F) -> I = _mm512_movm_epi32(_mm512_cmp_ps_mask::<_CMP_GE_OQ>(a, b));
+            truncate(a: F) -> I = _mm512_cvttps_epi32(a);
+            from_int(a: I) -> F = _mm512_cvtepi32_ps(a);
+            bits(a: F) -> I = _mm512_castps_si512(a);
+            from_bits(a: I) -> F = _mm512_castsi512_ps(a);
+            plus(a: I, b: I) -> I = _mm512_add_epi32(a, b);
+            minus(a: I, b: I) -> I = _mm512_sub_epi32(a, b);
+            times_small(a: I, b: I) -> I = _mm512_madd_epi16(a, b);
+            times_pairs(a: I, b: I) -> I = _mm512_mullo_epi16(a, b);
+            and(a: I, b: I) -> I = _mm512_and_si512(a, b);
+            or(a: I, b: I) -> I = _mm512_or_si512(a, b);
+            xor(a: I, b: I) -> I = _mm512_xor_si512(a, b);
+            without(a: I, b: I) -> I = _mm512_andnot_si512(a, b);
+            right_by(a: I, n: I) -> I = _mm512_srlv_epi32(a, n);
+            larger(a: I, b: I) -> I = _mm512_max_epi32(a, b);
+            smaller(a: I, b: I) -> I = _mm512_min_epi32(a, b);
+            equal(a: I, b: I) -> I = _mm512_movm_epi32(_mm512_cmpeq_epi32_mask(a, b));
+            choose(mask: I, a: F, b: F) -> F = _mm512_mask_blend_ps(_mm512_movepi32_mask(mask), b, a);
+        }
+
+        #[inline(always)]
+        fn float(x: f32) -> __m512 {
+            // SAFETY: as above.
+            unsafe { _mm512_set1_ps(x) }
+        }
+        #[inline(always)]
+        fn int(x: i32) -> __m512i {
+            // SAFETY: as above.
+            unsafe { _mm512_set1_epi32(x) }
+        }
+        #[inline(always)]
+        fn load(x: &[f32]) -> __m512 {
+            let x = &x[..16];
+            // SAFETY: as above, and sixteen numbers are readable behind the reference.
+            unsafe { _mm512_loadu_ps(x.as_ptr()) }
+        }
+        #[inline(always)]
+        fn store(x: __m512, out: &mut [f32]) {
+            let out = &mut out[..16];
+            // SAFETY: as above, and sixteen numbers are writable behind the reference.
+            unsafe { _mm512_storeu_ps(out.as_mut_ptr(), x) };
+        }
+        #[inline(always)]
+        fn store_ints(x: __m512i, out: &mut [u32]) {
+            let out = &mut out[..16];
+            // SAFETY: as above, and 64 bytes are writable behind the reference.
+            unsafe { _mm512_storeu_si512(out.as_mut_ptr().cast(), x) };
+        }
+        #[inline(always)]
+        fn load_ints(x: &[u32]) -> __m512i {
+            let x = &x[..16];
+            // SAFETY: as above, and 64 bytes are readable behind the reference.
+            unsafe { _mm512_loadu_si512(x.as_ptr().cast()) }
+        }
+        #[inline(always)]
+        fn any(mask: __m512i) -> bool {
+            // SAFETY: as above.
+            unsafe { _mm512_movepi32_mask(mask) != 0 }
+        }
+        #[inline(always)]
+        fn common(a: __m512i) -> Option<i32> {
+            // SAFETY: as above.
+            unsafe {
+                let first = _mm512_cvtsi512_si32(a);
+                (_mm512_cmpeq_epi32_mask(a, _mm512_set1_epi32(first)) == u16::MAX).then_some(first)
+            }
+        }
+        #[inline(always)]
+        fn any_above(a: __m512, b: __m512) -> bool {
+            // SAFETY: as above.
+            unsafe { _mm512_cmp_ps_mask::<_CMP_GT_OQ>(a, b) != 0 }
+        }
+        #[inline(always)]
+        fn left(a: __m512i, n: u32) -> __m512i {
+            // SAFETY: as above.
+            unsafe { _mm512_sllv_epi32(a, _mm512_set1_epi32(n.cast_signed())) }
+        }
+        #[inline(always)]
+        fn right(a: __m512i, n: u32) -> __m512i {
+            // SAFETY: as above.
+            unsafe { _mm512_srlv_epi32(a, _mm512_set1_epi32(n.cast_signed())) }
+        }
+        #[inline(always)]
+        fn right_signed(a: __m512i, n: u32) -> __m512i {
+            // SAFETY: as above.
+            unsafe { _mm512_srav_epi32(a, _mm512_set1_epi32(n.cast_signed())) }
+        }
+        #[inline(always)]
+        fn look_up(table: &[u32], at: __m512i) -> __m512i {
+            // SAFETY: as above; as unsigned numbers all indices are limited to the table's last entry, and a table
+            // is shorter than 2^31.
+            unsafe {
+                let at = _mm512_min_epu32(at, _mm512_set1_epi32((table.len() - 1) as i32));
+                _mm512_i32gather_epi32::<4>(at, table.as_ptr().cast())
             }
         }
     }

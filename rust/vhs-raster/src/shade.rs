@@ -132,6 +132,9 @@ pub(crate) fn shade_run(
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Kind::Avx2` is only made by `detect`, after it found AVX2.
         Kind::Avx2 => unsafe { run_avx2(shader, ready, places, out, opacity) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: the same holds for AVX-512.
+        Kind::Avx512 => unsafe { run_avx512(shader, ready, places, out, opacity) },
     }
 }
 
@@ -147,8 +150,21 @@ fn run_avx2(
     shader.run::<crate::lanes::Avx2>(ready, places, out, opacity);
 }
 
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq")]
+fn run_avx512(
+    shader: &mut Shader<'_>,
+    ready: &Ready,
+    places: Places<'_>,
+    out: &mut [u32],
+    opacity: Option<&mut Vec<f32>>,
+) {
+    shader.run::<crate::lanes::Avx512>(ready, places, out, opacity);
+}
+
 /// Distance of each lane from the first.
-const STEPS: [f32; MOST_LANES] = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0];
+const STEPS: [f32; MOST_LANES] =
+    [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
 
 /// A few samples of one face.
 #[derive(Debug, Clone, Copy)]
@@ -167,10 +183,7 @@ impl Places<'_> {
                 let start = M::float(x + first as f32);
                 Batch { x: M::add(start, M::load(&STEPS)), y: M::float(*y) }
             }
-            Places::Anywhere { x, y } => match (x[first..].first_chunk(), y[first..].first_chunk()) {
-                (Some(x), Some(y)) => Batch { x: M::load(x), y: M::load(y) },
-                _ => unreachable!("runs are padded to whole batches"),
-            },
+            Places::Anywhere { x, y } => Batch { x: M::load(&x[first..]), y: M::load(&y[first..]) },
         }
     }
 }
@@ -187,9 +200,9 @@ fn along<M: Machine>(row: V3, batch: &Batch<M>) -> M::F {
 
 /// Colours as bytes, rounded: red in the low byte, opacity left out.
 #[inline(always)]
-fn packed<M: Machine>(c: &Colours<M>) -> [u32; MOST_LANES] {
-    let green_blue = M::or(M::left::<8>(byte::<M>(c[1])), M::left::<16>(byte::<M>(c[2])));
-    M::store_ints(M::or(byte::<M>(c[0]), green_blue))
+fn packed<M: Machine>(c: &Colours<M>) -> M::I {
+    let green_blue = M::or(M::left(byte::<M>(c[1]), 8), M::left(byte::<M>(c[2]), 16));
+    M::or(byte::<M>(c[0]), green_blue)
 }
 
 /// A colour in 0..=1 as 0..=255, rounded.
@@ -303,13 +316,13 @@ impl Shader<'_> {
         mut opacity: Option<&mut Vec<f32>>,
     ) {
         let mut first = 0;
-        for few in out.as_chunks_mut::<MOST_LANES>().0 {
+        for few in out.chunks_exact_mut(M::LANES) {
             let colours = self.shade::<M>(ready, &places.batch(first));
-            *few = packed::<M>(&colours);
+            M::store_ints(packed::<M>(&colours), few);
             if let Some(opacity) = opacity.as_mut() {
-                opacity[first..first + MOST_LANES].copy_from_slice(&M::store(colours[3]));
+                M::store(colours[3], &mut opacity[first..]);
             }
-            first += MOST_LANES;
+            first += M::LANES;
         }
     }
 
@@ -327,8 +340,11 @@ impl Shader<'_> {
             Light::Nodes => {
                 let s = M::mul(along(ready.along[0], batch), w);
                 let t = M::mul(along(ready.along[1], batch), w);
-                let [r, g, b] = self.light_by_nodes(ready, &M::store(s), &M::store(t));
-                (M::load(&r), M::load(&g), M::load(&b))
+                let (mut places, mut rgb) = ([[0.0; MOST_LANES]; 2], [[0.0; MOST_LANES]; 3]);
+                M::store(s, &mut places[0]);
+                M::store(t, &mut places[1]);
+                self.light_by_nodes(ready, M::LANES, &places, &mut rgb);
+                (M::load(&rgb[0]), M::load(&rgb[1]), M::load(&rgb[2]))
             }
         };
         let mut opacity = M::float(ready.alpha);
@@ -351,13 +367,17 @@ impl Shader<'_> {
     }
 
     #[inline(never)]
-    fn light_by_nodes(&mut self, ready: &Ready, s: &[f32; MOST_LANES], t: &[f32; MOST_LANES]) -> [[f32; MOST_LANES]; 3] {
-        let mut out = [[0.0; MOST_LANES]; 3];
-        for i in 0..MOST_LANES {
+    fn light_by_nodes(
+        &mut self,
+        ready: &Ready,
+        lanes: usize,
+        [s, t]: &[[f32; MOST_LANES]; 2],
+        rgb: &mut [[f32; MOST_LANES]; 3],
+    ) {
+        for i in 0..lanes {
             let colour = self.between_nodes(ready, s[i], t[i]);
-            (0..3).for_each(|k| out[k][i] = colour[k]);
+            (0..3).for_each(|k| rgb[k][i] = colour[k]);
         }
-        out
     }
 
     /// Light at coordinates `(s, t)` of a face with nodes.

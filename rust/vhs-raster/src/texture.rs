@@ -49,13 +49,13 @@ impl<M: Machine> Texels<M> {
         let (mut red_blue, mut green_alpha) = (M::int(0x0080_0080), M::int(0x0080_0080));
         for k in 0..4 {
             // The weight in both halves, so that one multiplication serves two channels.
-            let weight = M::or(weights[k], M::left::<16>(weights[k]));
+            let weight = M::or(weights[k], M::left(weights[k], 16));
             red_blue = M::plus(red_blue, M::times_pairs(M::and(taps[k], pair), weight));
-            green_alpha = M::plus(green_alpha, M::times_pairs(M::and(M::right::<8>(taps[k]), pair), weight));
+            green_alpha = M::plus(green_alpha, M::times_pairs(M::and(M::right(taps[k], 8), pair), weight));
         }
         Self {
-            red_blue: M::and(M::right::<8>(red_blue), pair),
-            green_alpha: M::and(M::right::<8>(green_alpha), pair),
+            red_blue: M::and(M::right(red_blue, 8), pair),
+            green_alpha: M::and(M::right(green_alpha, 8), pair),
         }
     }
 
@@ -63,14 +63,14 @@ impl<M: Machine> Texels<M> {
     #[inline(always)]
     fn blended(self, other: Self, w: M::I) -> Self {
         let pair = M::int(0x00ff_00ff);
-        let w = M::or(w, M::left::<16>(w));
+        let w = M::or(w, M::left(w, 16));
         let rest = M::minus(M::int(0x0100_0100), w);
         let half = M::int(0x0080_0080);
         let red_blue = M::plus(M::times_pairs(self.red_blue, rest), M::times_pairs(other.red_blue, w));
         let green_alpha = M::plus(M::times_pairs(self.green_alpha, rest), M::times_pairs(other.green_alpha, w));
         Self {
-            red_blue: M::and(M::right::<8>(M::plus(red_blue, half)), pair),
-            green_alpha: M::and(M::right::<8>(M::plus(green_alpha, half)), pair),
+            red_blue: M::and(M::right(M::plus(red_blue, half), 8), pair),
+            green_alpha: M::and(M::right(M::plus(green_alpha, half), 8), pair),
         }
     }
 
@@ -81,8 +81,8 @@ impl<M: Machine> Texels<M> {
         [
             M::from_int(M::and(self.red_blue, low)),
             M::from_int(M::and(self.green_alpha, low)),
-            M::from_int(M::right::<16>(self.red_blue)),
-            M::from_int(M::right::<16>(self.green_alpha)),
+            M::from_int(M::right(self.red_blue, 16)),
+            M::from_int(M::right(self.green_alpha, 16)),
         ]
     }
 }
@@ -133,12 +133,12 @@ fn halved(fine: &[u32], (fine_w, fine_h): (u32, u32), (x, y): (u32, u32), (w, h)
 #[inline(always)]
 fn neighbours<M: Machine, const REPEAT: bool>(t: M::F, n: M::I) -> (M::I, M::I, M::I) {
     // Not negative, so cutting off the fraction is rounding down; texel centres are at odd multiples of 128.
-    let at = M::minus(M::truncate(M::mul(t, M::from_int(M::left::<8>(n)))), M::int(128));
-    let (low, weight) = (M::right_signed::<8>(at), M::and(at, M::int(255)));
+    let at = M::minus(M::truncate(M::mul(t, M::from_int(M::left(n, 8)))), M::int(128));
+    let (low, weight) = (M::right_signed(at, 8), M::and(at, M::int(255)));
     let high = M::plus(low, M::int(1));
     if REPEAT {
         // Texel -1 is the last one, and the one after the last is the first.
-        let wrapped = M::plus(low, M::and(M::right_signed::<31>(low), n));
+        let wrapped = M::plus(low, M::and(M::right_signed(low, 31), n));
         (wrapped, M::without(M::equal(high, n), high), weight)
     } else {
         (M::larger(low, M::int(0)), M::smaller(high, M::minus(n, M::int(1))), weight)
@@ -152,7 +152,7 @@ fn neighbours<M: Machine, const REPEAT: bool>(t: M::F, n: M::I) -> (M::I, M::I, 
 #[inline(always)]
 fn log2<M: Machine>(x: M::F) -> M::F {
     let bits = M::bits(x);
-    let exponent = M::from_int(M::minus(M::right::<23>(bits), M::int(127)));
+    let exponent = M::from_int(M::minus(M::right(bits, 23), M::int(127)));
     let mantissa = M::from_bits(M::or(M::and(bits, M::int(0x007f_ffff)), M::int(0x3f80_0000)));
     let m = M::sub(mantissa, M::float(1.0));
     let mut r = M::float(-0.044_423_59);
@@ -261,13 +261,19 @@ impl Texture {
         if !M::any_above(rho2, one) {
             return self.bilinear::<M, REPEAT>(base, size, u, v).channels();
         }
-        // Level zero for everything magnified; NaN has been turned into it as well.
+        // Level zero for everything magnified; NaN has been turned into it as well. Levels are blended over the
+        // middle half of the way from one to the next only, as drivers do to spare half of the look-ups.
         let last = M::int(self.levels as i32 - 1);
         let lod = M::min(M::mul(M::float(0.5), log2::<M>(M::max(rho2, one))), M::from_int(last));
-        let fine = M::truncate(lod);
+        let shifted = M::add(lod, M::float(0.25));
+        let fine = M::truncate(shifted);
+        let excess = M::sub(M::sub(shifted, M::from_int(fine)), M::float(0.5));
+        let weight = M::truncate(M::max(M::mul(excess, M::float(512.0)), M::float(0.0)));
+        let near = self.at_level::<M, REPEAT>(base, M::smaller(fine, last), u, v);
+        if M::common(weight) == Some(0) {
+            return near.channels();
+        }
         let coarse = M::smaller(M::plus(fine, M::int(1)), last);
-        let weight = M::truncate(M::mul(M::sub(lod, M::from_int(fine)), M::float(256.0)));
-        let near = self.at_level::<M, REPEAT>(base, fine, u, v);
         near.blended(self.at_level::<M, REPEAT>(base, coarse, u, v), weight).channels()
     }
 
@@ -294,7 +300,7 @@ impl Texture {
         let (y0, y1, wy) = neighbours::<M, REPEAT>(v, h);
         let top = M::plus(start, M::times_small(y0, w));
         let bottom = M::plus(start, M::times_small(y1, w));
-        let both = M::right::<8>(M::plus(M::times_small(wx, wy), M::int(128)));
+        let both = M::right(M::plus(M::times_small(wx, wy), M::int(128)), 8);
         let (right, down) = (M::minus(wx, both), M::minus(wy, both));
         let rest = M::minus(M::minus(M::int(256), wx), down);
         let taps = [
@@ -354,7 +360,7 @@ impl<M: Machine> Side<M> {
     fn start(&self, step: u32) -> M::I {
         let step = step as i32;
         let from_axis = M::without(self.is_x, M::or(M::and(self.is_y, M::int(2 * step)), M::without(self.is_y, M::int(4 * step))));
-        M::plus(from_axis, M::and(M::right_signed::<31>(self.sign), M::int(step)))
+        M::plus(from_axis, M::and(M::right_signed(self.sign, 31), M::int(step)))
     }
 }
 
