@@ -39,7 +39,7 @@ _DEFAULT_RGBA = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)
 _DEFAULT_GROUPS = np.array([1, 1, 1, 0, 0, 0], dtype=bool)
 # Flags of MjvOption that change nothing here: they belong to things that the constructor refuses, or say how to
 # draw things that other flags switch on.
-_SILENT_FLAGS = frozenset({0, 7, 8, 11, 13, 17, 23, 24, 25, 26, 27})
+_SILENT_FLAGS = frozenset({_VIS_TEXTURE, 7, 8, 11, 13, 17, _VIS_STATIC, 23, 24, 25, 26, 27})
 
 
 class RasterRenderer:
@@ -56,6 +56,7 @@ class RasterRenderer:
         width: int = 320,
         *,
         antialias: Antialias = "off",
+        has_sky: bool = True,
     ) -> None:
         """Prepares the model's meshes, textures and materials.
 
@@ -65,6 +66,7 @@ class RasterRenderer:
             width: Picture width in pixels.
             antialias: "off" takes one sample a pixel. "multisample" smooths edges with four samples a pixel, as
                 OpenGL does. "supersample" draws at twice the size and averages, which smooths textures too.
+            has_sky: Whether to draw the model's sky and haze; without them the background is black.
 
         Raises:
             NotImplementedError: The model shows something that is not drawn here; the message names it.
@@ -76,6 +78,7 @@ class RasterRenderer:
         self._model = model
         self._height, self._width = height, width
         self._antialias = modes[antialias]
+        self._has_sky = has_sky
         self._mode: Literal["colour", "depth", "segmentation"] = "colour"
         self._canvas: RasterCanvas | None = None
         self.refresh()
@@ -84,7 +87,7 @@ class RasterRenderer:
         """Reads the model again, after its geometry, materials, textures, lights or cameras were changed."""
         model = self._model
         _refuse_what_is_not_drawn(model)
-        scene = _scene_of(model)
+        scene = _scene_of(model, self._has_sky)
         lights = _lights_of(model, scene)
         canvas = RasterCanvas(scene, model.ngeom, lights, self._height, self._width, self._antialias)
         extent = model.stat.extent
@@ -307,15 +310,14 @@ def _refuse_decorations(option: Any) -> None:
     """Raises for options that change the picture in ways that are not drawn here."""
     if option.label or option.frame:
         raise NotImplementedError("not drawn by this renderer: labels and frames")
-    usual = {_VIS_TEXTURE, 12, 14, _VIS_STATIC} & {i for i, flag in enumerate(option.flags) if flag}
-    unusual = {i for i, flag in enumerate(option.flags) if flag} - usual - _SILENT_FLAGS - {12}
     if not option.flags[_VIS_TEXTURE]:
         raise NotImplementedError("not drawn by this renderer: a scene without its textures")
+    unusual = {i for i, flag in enumerate(option.flags) if flag} - _SILENT_FLAGS
     if unusual:
         raise NotImplementedError(f"not drawn by this renderer: visualization flags {sorted(unusual)}")
 
 
-def _scene_of(model: Any) -> RasterScene:
+def _scene_of(model: Any, has_sky: bool) -> RasterScene:
     """The model's textures, meshes, geoms and sites."""
     quality = model.vis.quality
     far = model.vis.map.zfar * model.stat.extent
@@ -337,7 +339,7 @@ def _scene_of(model: Any) -> RasterScene:
         size, tag = list(model.site_size[i]), [i, _OBJ_SITE]
         scene.add_geom(kind=int(model.site_type[i]), size=size, mesh=-1, tag=tag, **surface)
     skies = [i for i in range(model.ntex) if model.tex_type[i] == _TEXTURE_SKYBOX]
-    if skies:
+    if skies and has_sky:
         scene.set_sky(textures[skies[0]], list(model.vis.rgba.haze[:3]), model.vis.map.haze)
     return scene
 

@@ -250,15 +250,6 @@ impl RasterCanvas {
         lock(&self.state).view.set_visible(is_visible.as_slice()?).map_err(to_py)
     }
 
-    /// Replaces the colours of all geoms, sites included: [n, 4].
-    fn set_on(&self, is_on: Vec<bool>) -> PyResult<()> {
-        let mut state = lock(&self.state);
-        for (index, is_on) in is_on.into_iter().enumerate() {
-            state.view.set_light(index, is_on, [0.0; 3], [0.0, 0.0, -1.0]).map_err(to_py)?;
-        }
-        Ok(())
-    }
-
     /// Reads poses from the bound arrays. `fixed` is the number of a fixed camera; otherwise `gaze` says where the
     /// camera is. `lens`: (fovy,), (bottom, top, left, right) or (height, 0) for a parallel projection.
     #[pyo3(signature = (fixed, gaze, lens, near, far))]

@@ -96,13 +96,6 @@ impl Canvas {
         (self.height, self.width)
     }
 
-    /// Gives up vector instructions; the picture stays the same to the last bit, which is what this is for.
-    pub fn use_plain_instructions(&mut self) {
-        self.kind = Kind::Plain;
-        self.cover.kind = Kind::Plain;
-        self.plain = None;
-    }
-
     /// Draws colours into `out`, three bytes a pixel, top row first.
     ///
     /// # Errors

@@ -302,22 +302,6 @@ impl Scene {
     pub fn light_count(&self) -> usize {
         self.spec.lights.len()
     }
-
-    /// Replaces the colours of all geoms (red, green, blue, alpha each).
-    ///
-    /// # Errors
-    /// [`Error::Length`] for another number of colours, [`Error::NotFinite`] for NaN; then nothing changes.
-    pub fn set_colours(&mut self, rgba: &[[f32; 4]]) -> Result<()> {
-        let expected = self.spec.geoms.len();
-        if rgba.len() != expected {
-            return Err(Error::Length { what: "geom colours", expected, got: rgba.len() });
-        }
-        finite("colour of geom", rgba)?;
-        for (geom, colour) in self.spec.geoms.iter_mut().zip(rgba) {
-            geom.surface.rgba = *colour;
-        }
-        Ok(())
-    }
 }
 
 /// The solids of a shape with their scale and shift.

@@ -261,19 +261,13 @@ impl Texture {
         if !M::any_above(rho2, one) {
             return self.bilinear::<M, REPEAT>(base, size, u, v).channels();
         }
-        // Level zero for everything magnified; NaN has been turned into it as well. Levels are blended over the
-        // middle half of the way from one to the next only, as drivers do to spare half of the look-ups.
+        // Level zero for everything magnified; NaN has been turned into it as well.
         let last = M::int(self.levels as i32 - 1);
         let lod = M::min(M::mul(M::float(0.5), log2::<M>(M::max(rho2, one))), M::from_int(last));
-        let shifted = M::add(lod, M::float(0.25));
-        let fine = M::truncate(shifted);
-        let excess = M::sub(M::sub(shifted, M::from_int(fine)), M::float(0.5));
-        let weight = M::truncate(M::max(M::mul(excess, M::float(512.0)), M::float(0.0)));
-        let near = self.at_level::<M, REPEAT>(base, M::smaller(fine, last), u, v);
-        if M::common(weight) == Some(0) {
-            return near.channels();
-        }
+        let fine = M::truncate(lod);
+        let weight = M::truncate(M::mul(M::sub(lod, M::from_int(fine)), M::float(256.0)));
         let coarse = M::smaller(M::plus(fine, M::int(1)), last);
+        let near = self.at_level::<M, REPEAT>(base, fine, u, v);
         near.blended(self.at_level::<M, REPEAT>(base, coarse, u, v), weight).channels()
     }
 
