@@ -1,10 +1,10 @@
 """A renderer for MuJoCo models that needs no OpenGL: `RasterRenderer` has the methods of `mujoco.Renderer`.
 
-Owns the translation from a MuJoCo model to plain numbers; the drawing is Rust (`rust/vhs-raster`). MuJoCo itself is
-never imported: models, data, cameras and options are read by attribute, so `import vhs` stays light.
+Owns the translation from a MuJoCo model to plain numbers; the drawing is Rust (`rust/vhs-raster`). MuJoCo
+itself is never imported: models, data, cameras and options are read by attribute; `import vhs` stays light.
 
-Drawn as MuJoCo's OpenGL renderer draws it with shadows and reflections off. What is not drawn (height fields, skins,
-flexible bodies, spatial tendons, ...) is refused at construction by name rather than left out in silence.
+Drawn as MuJoCo's OpenGL renderer draws it with shadows and reflections off. What is not drawn (height fields,
+skins, flexible bodies, spatial tendons, ...) is refused at construction by name, not left out in silence.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ _CAMERA_FREE, _CAMERA_TRACKING, _CAMERA_FIXED = 0, 1, 2
 _VIS_TEXTURE, _VIS_STATIC = 1, 22
 _DEFAULT_RGBA = np.array([0.5, 0.5, 0.5, 1.0], dtype=np.float32)
 _DEFAULT_GROUPS = np.array([1, 1, 1, 0, 0, 0], dtype=bool)
-# Flags of MjvOption that change nothing here: they belong to things that the constructor refuses, or say how to
-# draw things that other flags switch on.
+# Flags of MjvOption that change nothing here: they belong to things that the constructor refuses, or say how
+# to draw things that other flags switch on.
 _SILENT_FLAGS = frozenset({_VIS_TEXTURE, 7, 8, 11, 13, 17, _VIS_STATIC, 23, 24, 25, 26, 27})
 
 
 class RasterRenderer:
     """Renders MuJoCo scenes in software, without OpenGL; the picture is the same on every machine.
 
-    Use it like `mujoco.Renderer`: `update_scene(data, camera)`, then `render()`. Geometry, materials and cameras are
-    read from the model at construction; call `refresh()` after changing them.
+    Use it like `mujoco.Renderer`: `update_scene(data, camera)`, then `render()`. Geometry, materials and
+    cameras are read from the model at construction; call `refresh()` after changing them.
     """
 
     def __init__(
@@ -64,8 +64,8 @@ class RasterRenderer:
             model: A `mujoco.MjModel`.
             height: Picture height in pixels.
             width: Picture width in pixels.
-            antialias: "off" takes one sample a pixel. "multisample" smooths edges with four samples a pixel, as
-                OpenGL does. "supersample" draws at twice the size and averages, which smooths textures too.
+            antialias: "off" takes one sample a pixel. "multisample" smooths edges with four samples a pixel,
+                as OpenGL does. "supersample" draws at twice the size and averages: textures are smoothed too.
             has_sky: Whether to draw the model's sky and haze; without them the background is black.
 
         Raises:
@@ -135,7 +135,8 @@ class RasterRenderer:
 
         Args:
             data: A `mujoco.MjData` of this model, after `mj_forward` or `mj_step`.
-            camera: Name or number of a camera in the model, -1 for the model's free camera, or a `mujoco.MjvCamera`.
+            camera: Name or number of a camera in the model, -1 for the model's free camera, or a
+                `mujoco.MjvCamera`.
             scene_option: A `mujoco.MjvOption`; its groups and static flag choose what is drawn.
 
         Raises:
@@ -158,9 +159,9 @@ class RasterRenderer:
         """Draws the scene of the last `update_scene`.
 
         Args:
-            out: Array for the result; made anew if absent. Colours uint8 [height, width, 3], distances float32
-                [height, width], segmentation int32 [height, width, 2]; another dtype is cast to. A uint8 array of
-                shape [3, height, width] gets the colours channel by channel.
+            out: Array for the result; made anew if absent. Colours uint8 [height, width, 3], distances
+                float32 [height, width], segmentation int32 [height, width, 2]; another dtype is cast to. An
+                array of shape [3, height, width] gets the colours channel by channel.
 
         Returns:
             `out`, or the new array.
@@ -188,7 +189,11 @@ class RasterRenderer:
         return out
 
     def render_batch(
-        self, datas: Sequence[Any], camera: Any = -1, scene_option: Any = None, out: NDArray[Any] | None = None
+        self,
+        datas: Sequence[Any],
+        camera: Any = -1,
+        scene_option: Any = None,
+        out: NDArray[Any] | None = None,
     ) -> NDArray[Any]:
         """Draws many states of the model.
 
@@ -268,17 +273,23 @@ class RasterRenderer:
                 raise ValueError(f"camera: {error.args[0]}") from error
         if isinstance(camera, int | np.integer):
             if not -1 <= camera < len(self._lenses):
-                raise ValueError(f"camera: expected a number from -1 to {len(self._lenses) - 1}, got {camera}")
+                raise ValueError(
+                    f"camera: expected a number from -1 to {len(self._lenses) - 1}, got {camera}"
+                )
             if camera >= 0:
                 return int(camera), None, self._lenses[camera]
-            return self._orbit(self._model.stat.center, 1.5 * self._model.stat.extent, self._model.vis.global_)
+            return self._orbit(
+                self._model.stat.center, 1.5 * self._model.stat.extent, self._model.vis.global_
+            )
         if camera.type == _CAMERA_FIXED:
             return self._view_of(data, camera.fixedcamid)
         if camera.type == _CAMERA_FREE:
             return self._orbit(camera.lookat, camera.distance, camera)
         if camera.type == _CAMERA_TRACKING:
             if not 0 <= camera.trackbodyid < self._model.nbody:
-                raise ValueError(f"camera: expected a body number below {self._model.nbody}, got {camera.trackbodyid}")
+                raise ValueError(
+                    f"camera: expected a body number below {self._model.nbody}, got {camera.trackbodyid}"
+                )
             return self._orbit(data.subtree_com[camera.trackbodyid], camera.distance, camera)
         raise NotImplementedError(f"not drawn by this renderer: camera type {camera.type}")
 
@@ -289,7 +300,7 @@ class RasterRenderer:
 
 
 def _refuse_what_is_not_drawn(model: Any) -> None:
-    """Raises for the first thing in the model that MuJoCo would show by default and this renderer would not."""
+    """Raises for the first thing that MuJoCo would show by default and this renderer would not."""
     shown = _DEFAULT_GROUPS[np.clip(model.geom_group, 0, 5)]
     tendons = _DEFAULT_GROUPS[np.clip(model.tendon_group, 0, 5)] if model.ntendon else np.zeros(0, bool)
     is_spatial = [bool(model.wrap_type[model.tendon_adr[i]] != _WRAP_JOINT) for i in range(model.ntendon)]
@@ -329,7 +340,7 @@ def _scene_of(model: Any, has_sky: bool) -> RasterScene:
         mesh = meshes[model.geom_dataid[i]] if kind in _GEOM_MESHES else -1
         surface = _surface_of(model, model.geom_matid[i], model.geom_rgba[i], textures)
         if kind == _GEOM_HFIELD:
-            # Hidden by its group, or the constructor would have refused it; a ball of radius 0 keeps its number.
+            # Hidden by its group, or it would have been refused; a ball of radius 0 keeps its number.
             kind = 2
             scene.add_geom(kind=kind, size=[0.0] * 3, mesh=-1, tag=[i, _OBJ_GEOM], **surface)
             continue

@@ -86,10 +86,14 @@ def random_camera(rng: np.random.Generator, model: mujoco.MjModel) -> mujoco.Mjv
 
 
 def differences(
-    expected: mujoco.Renderer, actual: RasterRenderer, data: mujoco.MjData, camera: object, option: object = None
+    expected: mujoco.Renderer,
+    actual: RasterRenderer,
+    data: mujoco.MjData,
+    camera: object,
+    option: object = None,
 ) -> tuple[float, float, float]:
-    """Mean difference of colours (0..255), share of pixels with another segment and largest relative difference of
-    distance, the last two away from the edges of segments.
+    """Mean difference of colours (0..255), share of pixels with another segment, and largest relative
+    difference of distance; the last two away from the edges of segments.
     """
     # MuJoCo moves endless planes to where the camera was at the last update, hence two of them.
     for _ in range(2):

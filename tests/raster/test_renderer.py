@@ -142,8 +142,9 @@ def test_unknown_cameras_are_refused(
 HFIELD = '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/></asset>'
 REFUSED = {
     "height field": f'{HFIELD}<worldbody><geom type="hfield" hfield="h"/></worldbody>',
-    "spatial tendon": """<worldbody><site name="a"/><body pos="0 0 1"><freejoint/><geom size=".1"/><site name="b"/>
-        </body></worldbody><tendon><spatial><site site="a"/><site site="b"/></spatial></tendon>""",
+    "spatial tendon": """<worldbody><site name="a"/><body pos="0 0 1"><freejoint/><geom size=".1"/>
+        <site name="b"/></body></worldbody><tendon><spatial><site site="a"/><site site="b"/></spatial>
+        </tendon>""",
     "range finder": '<worldbody><site name="a"/></worldbody><sensor><rangefinder site="a"/></sensor>',
 }
 

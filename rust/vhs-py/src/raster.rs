@@ -3,17 +3,24 @@
 //! Borrow, check, call, map errors. A canvas keeps handles to the arrays of the simulation it draws, so that a frame
 //! costs one call; drawing happens without the interpreter lock.
 
+#![allow(
+    clippy::needless_pass_by_value,
+    reason = "PyO3 hands arguments over by value"
+)]
+#![allow(clippy::doc_markdown, reason = "MuJoCo is a name, not code")]
+
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use numpy::{
-    PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyReadwriteArrayDyn, PyUntypedArrayMethods,
+    PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyReadwriteArrayDyn,
+    PyUntypedArrayMethods,
 };
 use pyo3::exceptions::{PyNotImplementedError, PyValueError};
 use pyo3::prelude::*;
 use vhs_raster as raster;
 use vhs_raster::{
-    Antialias, Camera, Canvas, Geom, Haze, Layout, Lens, Light, LightKind, MeshData, Scene, SceneSpec, Shape, Surface,
-    Tessellation, Texture, TextureKind, TextureUse, View,
+    Antialias, Camera, Canvas, Geom, Haze, Layout, Lens, Light, LightKind, MeshData, Scene,
+    SceneSpec, Shape, Surface, Tessellation, Texture, TextureKind, TextureUse, View,
 };
 
 fn to_py(error: raster::Error) -> PyErr {
@@ -24,11 +31,15 @@ fn to_py(error: raster::Error) -> PyErr {
 }
 
 /// Rows of `N` numbers from an array whose last axis has that length.
-fn rows<T: numpy::Element + Copy, const N: usize>(array: &PyReadonlyArray2<'_, T>) -> PyResult<Vec<[T; N]>> {
+fn rows<T: numpy::Element + Copy, const N: usize>(
+    array: &PyReadonlyArray2<'_, T>,
+) -> PyResult<Vec<[T; N]>> {
     let (rows, rest) = array.as_slice()?.as_chunks::<N>();
     if array.shape()[1] != N || !rest.is_empty() {
         let found = array.shape();
-        return Err(PyValueError::new_err(format!("expected an array of shape (n, {N}), got {found:?}")));
+        return Err(PyValueError::new_err(format!(
+            "expected an array of shape (n, {N}), got {found:?}"
+        )));
     }
     Ok(rows.to_vec())
 }
@@ -38,7 +49,9 @@ fn indices(array: &PyReadonlyArray2<'_, i32>) -> PyResult<Vec<[u32; 3]>> {
     let corners = rows::<i32, 3>(array)?;
     let is_valid = corners.iter().flatten().all(|&i| i >= 0);
     if !is_valid {
-        return Err(PyValueError::new_err("expected indices of at least 0, got a negative one"));
+        return Err(PyValueError::new_err(
+            "expected indices of at least 0, got a negative one",
+        ));
     }
     Ok(corners.iter().map(|c| c.map(i32::cast_unsigned)).collect())
 }
@@ -63,17 +76,35 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl RasterScene {
     #[new]
     fn new(slices: usize, stacks: usize, quads: usize, far: f64) -> Self {
-        let tessellation = Tessellation { slices, stacks, quads };
-        Self { spec: Mutex::new(SceneSpec { tessellation, far, ..SceneSpec::default() }) }
+        let tessellation = Tessellation {
+            slices,
+            stacks,
+            quads,
+        };
+        Self {
+            spec: Mutex::new(SceneSpec {
+                tessellation,
+                far,
+                ..SceneSpec::default()
+            }),
+        }
     }
 
     /// Adds a texture of shape [height, width, channels] and returns its number.
     fn add_texture(&self, is_cube: bool, data: PyReadonlyArrayDyn<'_, u8>) -> PyResult<usize> {
         let &[height, width, channels] = data.shape() else {
-            return Err(PyValueError::new_err(format!("texture: expected 3 axes, got {:?}", data.shape())));
+            return Err(PyValueError::new_err(format!(
+                "texture: expected 3 axes, got {:?}",
+                data.shape()
+            )));
         };
-        let kind = if is_cube { TextureKind::Cube } else { TextureKind::Flat };
-        let texture = Texture::new(kind, width, height, channels, data.as_slice()?).map_err(to_py)?;
+        let kind = if is_cube {
+            TextureKind::Cube
+        } else {
+            TextureKind::Flat
+        };
+        let texture =
+            Texture::new(kind, width, height, channels, data.as_slice()?).map_err(to_py)?;
         let mut spec = lock(&self.spec);
         spec.textures.push(texture);
         Ok(spec.textures.len() - 1)
@@ -103,7 +134,10 @@ impl RasterScene {
     }
 
     /// Adds a geom: its MuJoCo type, sizes, mesh (or -1), surface, texture (or -1) and segmentation tag.
-    #[allow(clippy::too_many_arguments, reason = "one keyword a field, called from one place")]
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "one keyword a field, called from one place"
+    )]
     #[pyo3(signature = (*, kind, size, mesh, rgba, gloss, is_mirror, texture, repeat, is_uniform, tag))]
     fn add_geom(
         &self,
@@ -118,10 +152,25 @@ impl RasterScene {
         is_uniform: bool,
         tag: [i32; 2],
     ) -> PyResult<()> {
-        let texture = optional(texture).map(|texture| TextureUse { texture, repeat, uniform: is_uniform });
+        let texture = optional(texture).map(|texture| TextureUse {
+            texture,
+            repeat,
+            uniform: is_uniform,
+        });
         let [emission, specular, shininess] = gloss;
-        let surface = Surface { rgba, emission, specular, shininess, is_mirror, texture };
-        lock(&self.spec).geoms.push(Geom { shape: shape_of(kind, size, mesh)?, surface, tag });
+        let surface = Surface {
+            rgba,
+            emission,
+            specular,
+            shininess,
+            is_mirror,
+            texture,
+        };
+        lock(&self.spec).geoms.push(Geom {
+            shape: shape_of(kind, size, mesh)?,
+            surface,
+            tag,
+        });
         Ok(())
     }
 
@@ -133,14 +182,23 @@ impl RasterScene {
             exponent: s[3],
             cutoff: s[4],
         });
-        lock(&self.spec).lights.push(Light { kind, ambient, diffuse, specular, is_headlight });
+        lock(&self.spec).lights.push(Light {
+            kind,
+            ambient,
+            diffuse,
+            specular,
+            is_headlight,
+        });
     }
 
     /// Sets the sky's texture and the haze over the horizon.
     fn set_sky(&self, texture: usize, haze_rgb: [f32; 3], haze_proportion: f32) {
         let mut spec = lock(&self.spec);
         spec.sky = Some(texture);
-        spec.haze = Some(Haze { rgb: haze_rgb, proportion: haze_proportion });
+        spec.haze = Some(Haze {
+            rgb: haze_rgb,
+            proportion: haze_proportion,
+        });
     }
 }
 
@@ -150,14 +208,30 @@ fn shape_of(kind: i32, size: [f64; 3], mesh: i32) -> PyResult<Shape> {
     let small = size.map(|x| x as f32);
     let [radius, half_length, _] = small;
     Ok(match (kind, optional(mesh)) {
-        (0, _) => Shape::Plane { half_size: [size[0].max(0.0), size[1].max(0.0)], spacing: size[2] },
+        (0, _) => Shape::Plane {
+            half_size: [size[0].max(0.0), size[1].max(0.0)],
+            spacing: size[2],
+        },
         (2, _) => Shape::Sphere { radius },
-        (3, _) => Shape::Capsule { radius, half_length },
+        (3, _) => Shape::Capsule {
+            radius,
+            half_length,
+        },
         (4, _) => Shape::Ellipsoid { radii: small },
-        (5, _) => Shape::Cylinder { radius, half_length },
+        (5, _) => Shape::Cylinder {
+            radius,
+            half_length,
+        },
         (6, _) => Shape::Box { half_size: small },
-        (7 | 8, Some(mesh)) => Shape::Mesh { mesh, half_size: small },
-        _ => return Err(PyNotImplementedError::new_err(format!("not drawn by this renderer: geom type {kind}"))),
+        (7 | 8, Some(mesh)) => Shape::Mesh {
+            mesh,
+            half_size: small,
+        },
+        _ => {
+            return Err(PyNotImplementedError::new_err(format!(
+                "not drawn by this renderer: geom type {kind}"
+            )));
+        }
     })
 }
 
@@ -225,11 +299,23 @@ impl RasterCanvas {
         };
         let view = View::new(&scene, camera);
         let lights = lights.into_iter().map(optional).collect();
-        Ok(Self { scene, geoms, state: Mutex::new(State { view, canvas, feed: None, lights }) })
+        Ok(Self {
+            scene,
+            geoms,
+            state: Mutex::new(State {
+                view,
+                canvas,
+                feed: None,
+                lights,
+            }),
+        })
     }
 
     /// Remembers the arrays of a simulation; later updates read them.
-    #[allow(clippy::too_many_arguments, reason = "one array a field, called from one place")]
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "one array a field, called from one place"
+    )]
     fn bind(
         &self,
         geom_xpos: Handle,
@@ -241,13 +327,25 @@ impl RasterCanvas {
         cam_xpos: Handle,
         cam_xmat: Handle,
     ) {
-        let feed = Feed { geom_xpos, geom_xmat, site_xpos, site_xmat, light_xpos, light_xdir, cam_xpos, cam_xmat };
+        let feed = Feed {
+            geom_xpos,
+            geom_xmat,
+            site_xpos,
+            site_xmat,
+            light_xpos,
+            light_xdir,
+            cam_xpos,
+            cam_xmat,
+        };
         lock(&self.state).feed = Some(feed);
     }
 
     /// Says which geoms, sites included, are drawn.
     fn set_visible(&self, is_visible: PyReadonlyArray1<'_, bool>) -> PyResult<()> {
-        lock(&self.state).view.set_visible(is_visible.as_slice()?).map_err(to_py)
+        lock(&self.state)
+            .view
+            .set_visible(is_visible.as_slice()?)
+            .map_err(to_py)
     }
 
     /// Reads poses from the bound arrays. `fixed` is the number of a fixed camera; otherwise `gaze` says where the
@@ -264,7 +362,10 @@ impl RasterCanvas {
     ) -> PyResult<()> {
         let mut state = lock(&self.state);
         let state = &mut *state;
-        let feed = state.feed.as_ref().ok_or_else(|| PyValueError::new_err("no simulation is bound"))?;
+        let feed = state
+            .feed
+            .as_ref()
+            .ok_or_else(|| PyValueError::new_err("no simulation is bound"))?;
         let view = &mut state.view;
         feed.read_poses(py, view, self.geoms)?;
         feed.read_lights(py, view, &state.lights)?;
@@ -275,16 +376,38 @@ impl RasterCanvas {
         let lens = match lens[..] {
             [fovy] => Lens::Angle { fovy },
             [height, _] => Lens::Parallel { height },
-            [bottom, top, left, right] => Lens::Frustum { bottom, top, left, right },
+            [bottom, top, left, right] => Lens::Frustum {
+                bottom,
+                top,
+                left,
+                right,
+            },
             _ => return Err(PyValueError::new_err("lens: expected 1, 2 or 4 numbers")),
         };
-        view.set_camera(Camera { position, forward, up, lens, near, far }).map_err(to_py)
+        view.set_camera(Camera {
+            position,
+            forward,
+            up,
+            lens,
+            near,
+            far,
+        })
+        .map_err(to_py)
     }
 
     /// Draws colours into `out`, uint8 [height, width, 3], or [3, height, width] if `is_planar`.
-    fn draw(&self, py: Python<'_>, mut out: PyReadwriteArrayDyn<'_, u8>, is_planar: bool) -> PyResult<()> {
+    fn draw(
+        &self,
+        py: Python<'_>,
+        mut out: PyReadwriteArrayDyn<'_, u8>,
+        is_planar: bool,
+    ) -> PyResult<()> {
         let out = out.as_slice_mut()?;
-        let layout = if is_planar { Layout::Planar } else { Layout::Interleaved };
+        let layout = if is_planar {
+            Layout::Planar
+        } else {
+            Layout::Interleaved
+        };
         py.detach(|| {
             let mut state = lock(&self.state);
             let State { view, canvas, .. } = &mut *state;
@@ -324,14 +447,30 @@ impl RasterCanvas {
 
 impl Feed {
     fn read_poses(&self, py: Python<'_>, view: &mut View, geoms: usize) -> PyResult<()> {
-        let (position, rotation) = (self.geom_xpos.bind(py).readonly(), self.geom_xmat.bind(py).readonly());
-        view.set_poses(0, position.as_slice()?, rotation.as_slice()?).map_err(to_py)?;
-        let (position, rotation) = (self.site_xpos.bind(py).readonly(), self.site_xmat.bind(py).readonly());
-        view.set_poses(geoms, position.as_slice()?, rotation.as_slice()?).map_err(to_py)
+        let (position, rotation) = (
+            self.geom_xpos.bind(py).readonly(),
+            self.geom_xmat.bind(py).readonly(),
+        );
+        view.set_poses(0, position.as_slice()?, rotation.as_slice()?)
+            .map_err(to_py)?;
+        let (position, rotation) = (
+            self.site_xpos.bind(py).readonly(),
+            self.site_xmat.bind(py).readonly(),
+        );
+        view.set_poses(geoms, position.as_slice()?, rotation.as_slice()?)
+            .map_err(to_py)
     }
 
-    fn read_lights(&self, py: Python<'_>, view: &mut View, lights: &[Option<usize>]) -> PyResult<()> {
-        let (position, direction) = (self.light_xpos.bind(py).readonly(), self.light_xdir.bind(py).readonly());
+    fn read_lights(
+        &self,
+        py: Python<'_>,
+        view: &mut View,
+        lights: &[Option<usize>],
+    ) -> PyResult<()> {
+        let (position, direction) = (
+            self.light_xpos.bind(py).readonly(),
+            self.light_xdir.bind(py).readonly(),
+        );
         let (position, direction) = (position.as_slice()?, direction.as_slice()?);
         for (index, light) in lights.iter().enumerate() {
             if let Some(light) = light {
@@ -343,16 +482,29 @@ impl Feed {
     }
 
     fn gaze_of(&self, py: Python<'_>, camera: i64) -> PyResult<Gaze> {
-        let camera = usize::try_from(camera).map_err(|_| PyValueError::new_err("no camera is given"))?;
-        let (position, rotation) = (self.cam_xpos.bind(py).readonly(), self.cam_xmat.bind(py).readonly());
+        let camera =
+            usize::try_from(camera).map_err(|_| PyValueError::new_err("no camera is given"))?;
+        let (position, rotation) = (
+            self.cam_xpos.bind(py).readonly(),
+            self.cam_xmat.bind(py).readonly(),
+        );
         let position = three(position.as_slice()?, camera)?;
         let rotation = rotation.as_slice()?;
-        let [x, y, z] = [three(rotation, 3 * camera)?, three(rotation, 3 * camera + 1)?, three(rotation, 3 * camera + 2)?];
+        let [x, y, z] = [
+            three(rotation, 3 * camera)?,
+            three(rotation, 3 * camera + 1)?,
+            three(rotation, 3 * camera + 2)?,
+        ];
         Ok([position, [-x[2], -y[2], -z[2]], [x[1], y[1], z[1]]])
     }
 }
 
 /// Row `index` of an array with three columns.
 fn three(values: &[f64], index: usize) -> PyResult<[f64; 3]> {
-    values.as_chunks::<3>().0.get(index).copied().ok_or_else(|| PyValueError::new_err("the simulation changed its size"))
+    values
+        .as_chunks::<3>()
+        .0
+        .get(index)
+        .copied()
+        .ok_or_else(|| PyValueError::new_err("the simulation changed its size"))
 }

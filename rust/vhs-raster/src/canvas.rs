@@ -6,9 +6,10 @@ use crate::cover::{Cover, NOTHING, Offset};
 use crate::error::{Error, Result};
 use crate::fill::{Colours, Fill, Job, Scratch};
 use crate::frame::{Frame, Into, Listed, SKY_REACH, is_seen_from_behind, origin_of};
-use crate::light::Lamps;
-use crate::scene::{Part, Scene, Shape};
 use crate::lanes::Kind;
+use crate::light::Lamps;
+use crate::prepare::{Part, Scene};
+use crate::scene::Shape;
 use crate::shade::{NodeCache, Role, Shader};
 use crate::view::{Projection, View, dot64};
 
@@ -35,7 +36,12 @@ pub enum Layout {
 }
 
 /// Sample places of common drivers for four samples: a square grid, turned.
-const TURNED_GRID: [Offset; 4] = [[-0.125, -0.375], [0.375, -0.125], [-0.375, 0.125], [0.125, 0.375]];
+const TURNED_GRID: [Offset; 4] = [
+    [-0.125, -0.375],
+    [0.375, -0.125],
+    [-0.375, 0.125],
+    [0.125, 0.375],
+];
 const MIDDLE: [Offset; 1] = [[0.0, 0.0]];
 
 /// Opacity of a plane seen from behind, relative to its own.
@@ -66,7 +72,11 @@ impl Canvas {
     pub fn new(height: usize, width: usize, antialias: Antialias) -> Result<Self> {
         for (what, n) in [("picture height", height), ("picture width", width)] {
             if !(1..=8192).contains(&n) {
-                return Err(Error::Range { what, expected: "1 to 8192", got: n.to_string() });
+                return Err(Error::Range {
+                    what,
+                    expected: "1 to 8192",
+                    got: n.to_string(),
+                });
             }
         }
         let (h, w, offsets): (_, _, &[Offset]) = match antialias {
@@ -96,19 +106,34 @@ impl Canvas {
         (self.height, self.width)
     }
 
+    /// Draws with the instructions of another kind of machine, to compare.
+    #[cfg(test)]
+    pub(crate) fn use_kind(&mut self, kind: Kind) {
+        self.kind = kind;
+        self.cover.kind = kind;
+    }
+
     /// Draws colours into `out`, three bytes a pixel, top row first.
     ///
     /// # Errors
     /// [`Error::Length`] when `out` has not `3 * height * width` bytes.
-    pub fn draw(&mut self, scene: &Scene, view: &View, layout: Layout, out: &mut [u8]) -> Result<()> {
+    pub fn draw(
+        &mut self,
+        scene: &Scene,
+        view: &View,
+        layout: Layout,
+        out: &mut [u8],
+    ) -> Result<()> {
         check_len("picture bytes", 3 * self.height * self.width, out.len())?;
         let projection = view.projection(self.cover.height, self.cover.width);
         self.lamps.update(scene, view, &projection);
         self.nodes.start_frame();
         self.frame.clear();
         self.cover.clear(projection.depth_range);
-        self.frame.draw_opaque(scene, view, &projection, &mut self.cover);
-        self.frame.draw_sky(scene, view, &projection, &mut self.cover);
+        self.frame
+            .draw_opaque(scene, view, &projection, &mut self.cover);
+        self.frame
+            .draw_sky(scene, view, &projection, &mut self.cover);
         self.fill(scene, false);
         self.blend_haze(scene, view, &projection);
         self.blend_glass(scene, view, &projection);
@@ -126,7 +151,10 @@ impl Canvas {
         check_len("depth values", self.height * self.width, out.len())?;
         let projection = self.draw_solid(scene, view);
         let cover = self.plain_cover();
-        for (row, line) in out.chunks_exact_mut(cover.width).zip(cover.depth.chunks_exact(cover.stride)) {
+        for (row, line) in out
+            .chunks_exact_mut(cover.width)
+            .zip(cover.depth.chunks_exact(cover.stride))
+        {
             for (to, &depth) in row.iter_mut().zip(line) {
                 *to = projection.distance(depth);
             }
@@ -139,16 +167,27 @@ impl Canvas {
     /// # Errors
     /// [`Error::Length`] when `out` has not `2 * height * width` values.
     pub fn draw_tags(&mut self, scene: &Scene, view: &View, out: &mut [i32]) -> Result<()> {
-        check_len("segmentation values", 2 * self.height * self.width, out.len())?;
+        check_len(
+            "segmentation values",
+            2 * self.height * self.width,
+            out.len(),
+        )?;
         self.draw_solid(scene, view);
         let tag_of = |part: u32| match self.frame.placed[part as usize].role {
             Role::Geom(geom) => scene.spec.geoms[geom].tag,
             Role::Sky | Role::Haze => [-1, -1],
         };
         let cover = self.plain_cover();
-        for (row, line) in out.chunks_exact_mut(2 * cover.width).zip(cover.face.chunks_exact(cover.stride)) {
+        for (row, line) in out
+            .chunks_exact_mut(2 * cover.width)
+            .zip(cover.face.chunks_exact(cover.stride))
+        {
             for (to, &face) in row.chunks_exact_mut(2).zip(line) {
-                let tag = if face == NOTHING { [-1, -1] } else { tag_of(self.frame.drawn[face as usize].part) };
+                let tag = if face == NOTHING {
+                    [-1, -1]
+                } else {
+                    tag_of(self.frame.drawn[face as usize].part)
+                };
                 to.copy_from_slice(&tag);
             }
         }
@@ -166,7 +205,9 @@ impl Canvas {
         let cover = if self.antialias == Antialias::Off {
             &mut self.cover
         } else {
-            self.plain.get_or_insert_with(|| Box::new(Cover::new(self.height, self.width, &MIDDLE, self.kind)))
+            self.plain.get_or_insert_with(|| {
+                Box::new(Cover::new(self.height, self.width, &MIDDLE, self.kind))
+            })
         };
         self.frame.clear();
         cover.clear(projection.depth_range);
@@ -174,8 +215,20 @@ impl Canvas {
         let glass = std::mem::take(&mut self.frame.glass);
         for (_, part) in &glass {
             let is_inverted = is_seen_from_behind(scene, view, part);
-            let place = (Role::Geom(part.geom), part, origin_of(scene, view, part), &view.poses[part.geom].rotation);
-            self.frame.draw_part(scene, &projection, place, 1.0, is_inverted, &mut Into(cover));
+            let place = (
+                Role::Geom(part.geom),
+                part,
+                origin_of(scene, view, part),
+                &view.poses[part.geom].rotation,
+            );
+            self.frame.draw_part(
+                scene,
+                &projection,
+                place,
+                1.0,
+                is_inverted,
+                &mut Into(cover),
+            );
         }
         self.frame.glass = glass;
         projection
@@ -185,7 +238,12 @@ impl Canvas {
     fn fill(&mut self, scene: &Scene, is_blending: bool) {
         let frame = &mut self.frame;
         self.nodes.reserve(frame.nodes);
-        let shader = Shader { scene, lamps: &self.lamps, placed: &frame.placed, nodes: &mut self.nodes };
+        let shader = Shader {
+            scene,
+            lamps: &self.lamps,
+            placed: &frame.placed,
+            nodes: &mut self.nodes,
+        };
         let mut fill = Fill {
             cover: &self.cover,
             colours: &mut self.colours,
@@ -197,7 +255,11 @@ impl Canvas {
             scratch: &mut self.scratch,
             kind: self.kind,
         };
-        let job = if is_blending { Job::Over(&frame.fragments) } else { Job::Visible };
+        let job = if is_blending {
+            Job::Over(&frame.fragments)
+        } else {
+            Job::Visible
+        };
         fill.run(&job);
     }
 
@@ -206,23 +268,37 @@ impl Canvas {
         let (Some(solid), Some(_)) = (scene.haze_solid, scene.spec.sky) else {
             return;
         };
-        let is_endless = |geom: usize| {
-            matches!(scene.spec.geoms[geom].shape, Shape::Plane { half_size, .. } if half_size == [0.0, 0.0])
-        };
-        let Some(plane) = (0..scene.geom_count()).find(|&g| view.is_visible[g] && is_endless(g)) else {
+        let is_endless = |geom: usize| matches!(scene.spec.geoms[geom].shape, Shape::Plane { half_size, .. } if half_size == [0.0, 0.0]);
+        let Some(plane) = (0..scene.geom_count()).find(|&g| view.is_visible[g] && is_endless(g))
+        else {
             return;
         };
         let pose = &view.poses[plane];
         let axis = [pose.rotation[2], pose.rotation[5], pose.rotation[8]];
-        let height = dot64([0, 1, 2].map(|k| view.camera.position[k] - pose.position[k]), axis);
+        let height = dot64(
+            [0, 1, 2].map(|k| view.camera.position[k] - pose.position[k]),
+            axis,
+        );
         if height < 0.0 {
             return;
         }
         let foot = [0, 1, 2].map(|k| view.camera.position[k] - height * axis[k]);
         #[expect(clippy::cast_possible_truncation, reason = "vertices are f32")]
         let (reach, height) = ((SKY_REACH * scene.spec.far) as f32, height as f32);
-        let part = Part { geom: 0, solid, scale: [reach, reach, height], shift: 0.0, radius: f32::INFINITY };
-        self.blend(scene, projection, (Role::Haze, &part, foot, &pose.rotation), 1.0, true);
+        let part = Part {
+            geom: 0,
+            solid,
+            scale: [reach, reach, height],
+            shift: 0.0,
+            radius: f32::INFINITY,
+        };
+        self.blend(
+            scene,
+            projection,
+            (Role::Haze, &part, foot, &pose.rotation),
+            1.0,
+            true,
+        );
     }
 
     /// Blends transparent parts front to back and once more back to front, as MuJoCo does.
@@ -236,8 +312,14 @@ impl Canvas {
         let groups: Vec<&[(f32, Part)]> = glass.chunk_by(|a, b| a.1.geom == b.1.geom).collect();
         for (_, part) in groups.iter().chain(groups.iter().rev()).copied().flatten() {
             let is_behind = is_seen_from_behind(scene, view, part);
-            let alpha = scene.spec.geoms[part.geom].surface.rgba[3] * if is_behind { BEHIND } else { 1.0 };
-            let place = (Role::Geom(part.geom), part, origin_of(scene, view, part), &view.poses[part.geom].rotation);
+            let alpha =
+                scene.spec.geoms[part.geom].surface.rgba[3] * if is_behind { BEHIND } else { 1.0 };
+            let place = (
+                Role::Geom(part.geom),
+                part,
+                origin_of(scene, view, part),
+                &view.poses[part.geom].rotation,
+            );
             self.blend(scene, projection, place, alpha, is_behind);
         }
         self.frame.glass = glass;
@@ -254,8 +336,12 @@ impl Canvas {
     ) {
         let mut fragments = std::mem::take(&mut self.frame.fragments);
         fragments.clear();
-        let mut list = Listed { cover: &self.cover, fragments: &mut fragments };
-        self.frame.draw_part(scene, projection, place, alpha, is_inverted, &mut list);
+        let mut list = Listed {
+            cover: &self.cover,
+            fragments: &mut fragments,
+        };
+        self.frame
+            .draw_part(scene, projection, place, alpha, is_inverted, &mut list);
         self.frame.fragments = fragments;
         self.fill(scene, true);
     }
@@ -308,13 +394,27 @@ impl Canvas {
             return pixels[y * stride + x];
         }
         let (top, bottom) = (2 * y * stride + 2 * x, (2 * y + 1) * stride + 2 * x);
-        let four = [pixels[top], pixels[top + 1], pixels[bottom], pixels[bottom + 1]];
+        let four = [
+            pixels[top],
+            pixels[top + 1],
+            pixels[bottom],
+            pixels[bottom + 1],
+        ];
         // Every other channel has room for the sum of four.
-        let sum = |shift: u32| four.iter().map(|c| c >> shift & 0x00ff_00ff).sum::<u32>() + 0x0002_0002;
+        let sum =
+            |shift: u32| four.iter().map(|c| c >> shift & 0x00ff_00ff).sum::<u32>() + 0x0002_0002;
         (sum(0) >> 2 & 0x00ff_00ff) | (sum(8) >> 2 & 0x00ff_00ff) << 8
     }
 }
 
 fn check_len(what: &'static str, expected: usize, got: usize) -> Result<()> {
-    if expected == got { Ok(()) } else { Err(Error::Length { what, expected, got }) }
+    if expected == got {
+        Ok(())
+    } else {
+        Err(Error::Length {
+            what,
+            expected,
+            got,
+        })
+    }
 }

@@ -87,7 +87,10 @@ pub(crate) struct Cover {
 }
 
 /// Middle of pixel `i` of `n`, relative to the middle of the picture.
-#[expect(clippy::cast_precision_loss, reason = "pictures are far smaller than 2^24")]
+#[expect(
+    clippy::cast_precision_loss,
+    reason = "pictures are far smaller than 2^24"
+)]
 pub(crate) fn middle(i: usize, n: usize) -> f32 {
     i as f32 + 0.5 - 0.5 * n as f32
 }
@@ -123,7 +126,11 @@ impl Cover {
     }
 
     /// Pixels that a face with these corners can touch; `None` when there are none.
-    pub(crate) fn window<const N: usize>(&self, corners: &[Corner; N], near: f32) -> Option<Window> {
+    pub(crate) fn window<const N: usize>(
+        &self,
+        corners: &[Corner; N],
+        near: f32,
+    ) -> Option<Window> {
         let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
         for k in 0..2 {
             for c in corners {
@@ -140,13 +147,20 @@ impl Cover {
     /// Pixels with a sample in the rectangle `low..=high` (y upwards), a little widened against rounding.
     #[inline(always)]
     pub(crate) fn pixels(&self, low: [f32; 2], high: [f32; 2]) -> Option<Window> {
-        #[expect(clippy::cast_precision_loss, reason = "pictures are far smaller than 2^24")]
+        #[expect(
+            clippy::cast_precision_loss,
+            reason = "pictures are far smaller than 2^24"
+        )]
         let (w, h) = (self.width as f32, self.height as f32);
         // Samples lie within half a pixel of the middle; with a single one it is the middle itself.
         let reach = if self.offsets.len() == 1 { 0.49 } else { 0.01 };
         let first = |v: f32, n: f32| (v + 0.5 * n + reach).clamp(0.0, n);
         let last = |v: f32, n: f32| (v + 0.5 * n + 1.0 - reach).clamp(0.0, n);
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the picture")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "clamped to the picture"
+        )]
         let window = Window {
             x0: first(low[0], w) as usize,
             x1: last(high[0], w) as usize,
@@ -158,7 +172,12 @@ impl Cover {
 
     /// Draws a face into depth and face numbers.
     #[inline(always)]
-    pub(crate) fn draw<const N: usize>(&mut self, outline: &Outline<N>, window: Window, number: u32) {
+    pub(crate) fn draw<const N: usize>(
+        &mut self,
+        outline: &Outline<N>,
+        window: Window,
+        number: u32,
+    ) {
         match self.kind {
             Kind::Plain => self.draw_lanes::<Plain, N>(outline, window, number),
             #[cfg(target_arch = "x86_64")]
@@ -175,8 +194,16 @@ impl Cover {
     }
 
     #[inline(always)]
-    fn draw_lanes<M: Machine, const N: usize>(&mut self, outline: &Outline<N>, window: Window, number: u32) {
-        let (layer, len) = (self.layer(), (window.x1 - window.x0).next_multiple_of(M::LANES));
+    fn draw_lanes<M: Machine, const N: usize>(
+        &mut self,
+        outline: &Outline<N>,
+        window: Window,
+        number: u32,
+    ) {
+        let (layer, len) = (
+            self.layer(),
+            (window.x1 - window.x0).next_multiple_of(M::LANES),
+        );
         let (nearest, number) = (M::float(self.nearest), M::int(number.cast_signed()));
         let columns = &self.columns[window.x0..window.x0 + len];
         for (s, &[ox, oy]) in self.offsets.iter().enumerate() {
@@ -188,11 +215,13 @@ impl Cover {
                 let columns = columns.chunks_exact(M::LANES);
                 for ((depth, face), columns) in depth.zip(face).zip(columns) {
                     let x = M::add(M::load(columns), M::float(ox));
-                    let z = M::mul_then_add(M::float(row.depth_slope), x, M::float(row.depth_constant));
+                    let z =
+                        M::mul_then_add(M::float(row.depth_slope), x, M::float(row.depth_constant));
                     let old = M::load(depth);
                     let mut is_seen = M::and(M::at_least(z, old), M::at_least(nearest, z));
                     for k in 0..N {
-                        let e = M::mul_then_add(M::float(row.slope[k]), x, M::float(row.constant[k]));
+                        let e =
+                            M::mul_then_add(M::float(row.slope[k]), x, M::float(row.constant[k]));
                         is_seen = M::and(is_seen, M::at_least(e, M::float(row.least[k])));
                     }
                     if M::any(is_seen) {
@@ -218,7 +247,9 @@ impl Cover {
                 for (s, &[ox, oy]) in self.offsets.iter().enumerate() {
                     let row = outline.row(oy - middle(y, self.height));
                     let z = row.at(self.columns[x] + ox);
-                    let passes = z.is_some_and(|z| z <= self.nearest && z >= self.depth[s * layer + y * self.stride + x]);
+                    let passes = z.is_some_and(|z| {
+                        z <= self.nearest && z >= self.depth[s * layer + y * self.stride + x]
+                    });
                     mask |= u8::from(passes) << s;
                 }
                 if mask != 0 {
@@ -293,12 +324,19 @@ impl<const N: usize> Row<N> {
 ///
 /// `is_inverted` takes the back for the front.
 #[inline(always)]
-pub(crate) fn facing<const N: usize>(corners: &[Corner; N], is_inverted: bool) -> Option<(V3, f32)> {
+pub(crate) fn facing<const N: usize>(
+    corners: &[Corner; N],
+    is_inverted: bool,
+) -> Option<(V3, f32)> {
     let p0 = corners[0].p;
     let normal = cross(sub(corners[1].p, p0), sub(corners[N - 1].p, p0));
     let volume = dot(p0, normal);
     // Written so that NaN fails.
-    let is_front = if is_inverted { volume < 0.0 } else { volume > 0.0 };
+    let is_front = if is_inverted {
+        volume < 0.0
+    } else {
+        volume > 0.0
+    };
     is_front.then_some((normal, volume))
 }
 
@@ -324,11 +362,30 @@ pub(crate) fn outline<const N: usize>(
         edges[k] = e;
         least[k] = if owns { 0.0 } else { f32::from_bits(1) };
     }
-    let z = [corners[0].z, corners[1].z - corners[0].z, corners[N - 1].z - corners[0].z];
+    let z = [
+        corners[0].z,
+        corners[1].z - corners[0].z,
+        corners[N - 1].z - corners[0].z,
+    ];
     let depth = if z[1] == 0.0 && z[2] == 0.0 && z[0] == 1.0 {
         whole
     } else {
-        add(scale(whole, z[0]), add(scale(along[0], z[1]), scale(along[1], z[2])))
+        add(
+            scale(whole, z[0]),
+            add(scale(along[0], z[1]), scale(along[1], z[2])),
+        )
     };
-    (Outline { edges, least, depth }, Drawn { whole, along, part: 0, face: 0 })
+    (
+        Outline {
+            edges,
+            least,
+            depth,
+        },
+        Drawn {
+            whole,
+            along,
+            part: 0,
+            face: 0,
+        },
+    )
 }

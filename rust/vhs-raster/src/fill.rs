@@ -2,7 +2,8 @@
 
 use crate::cover::{Cover, Drawn, NOTHING, middle};
 use crate::lanes::{Kind, MOST_LANES};
-use crate::shade::{Places, Ready, Shader, shade_run};
+use crate::paint::Places;
+use crate::shade::{Ready, Shader, shade_run};
 
 /// One face in one pixel.
 #[derive(Debug, Clone, Copy)]
@@ -25,7 +26,10 @@ pub(crate) struct Colours {
 impl Colours {
     pub(crate) fn new(height: usize, width: usize) -> Self {
         let stride = width + MOST_LANES;
-        Self { stride, pixels: vec![0; stride * height] }
+        Self {
+            stride,
+            pixels: vec![0; stride * height],
+        }
     }
 }
 
@@ -80,7 +84,8 @@ impl Fill<'_> {
         let slot = &mut self.ready_at[face as usize];
         if *slot == NOTHING {
             *slot = u32::try_from(self.ready.len()).unwrap_or(NOTHING);
-            self.ready.push(self.shader.ready(&self.drawn[face as usize]));
+            self.ready
+                .push(self.shader.ready(&self.drawn[face as usize]));
         }
         self.ready[*slot as usize]
     }
@@ -93,7 +98,10 @@ impl Fill<'_> {
             let mut x = 0;
             while x < faces.len() {
                 let face = faces[x];
-                let end = faces[x..].iter().position(|&f| f != face).map_or(faces.len(), |n| x + n);
+                let end = faces[x..]
+                    .iter()
+                    .position(|&f| f != face)
+                    .map_or(faces.len(), |n| x + n);
                 self.span(face, y, x, end);
                 x = end;
             }
@@ -137,7 +145,8 @@ impl Fill<'_> {
         }
         self.share(&edges);
         for f in &edges {
-            let pixel = &mut self.colours.pixels[usize::from(f.y) * self.colours.stride + usize::from(f.x)];
+            let pixel =
+                &mut self.colours.pixels[usize::from(f.y) * self.colours.stride + usize::from(f.x)];
             if *pixel & SUM != 0 {
                 let mean = |shift: u32| ((*pixel >> shift & 0x3ff) + 2) >> 2;
                 *pixel = mean(0) | mean(10) << 8 | mean(20) << 16;
@@ -147,12 +156,20 @@ impl Fill<'_> {
     }
 
     /// Notes the faces of a pixel that shows several.
-    #[expect(clippy::cast_possible_truncation, reason = "pictures have at most 16384 rows and columns")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "pictures have at most 16384 rows and columns"
+    )]
     fn push_edge(&mut self, faces: [u32; 4], x: usize, y: usize) {
         for (i, &face) in faces.iter().enumerate() {
             if !faces[..i].contains(&face) {
                 let weight = faces.iter().filter(|&&f| f == face).count() as u8;
-                self.edges.push(Fragment { face, x: x as u16, y: y as u16, weight });
+                self.edges.push(Fragment {
+                    face,
+                    x: x as u16,
+                    y: y as u16,
+                    weight,
+                });
             }
         }
     }
@@ -165,7 +182,10 @@ impl Fill<'_> {
             return;
         }
         let ready = self.ready(face);
-        let places = Places::Row { x: middle(from, self.cover.width), y: -middle(y, self.cover.height) };
+        let places = Places::Row {
+            x: middle(from, self.cover.width),
+            y: -middle(y, self.cover.height),
+        };
         // Samples past the end are overwritten by the next span, or land in the spare places of the row.
         let len = (to - from).next_multiple_of(MOST_LANES);
         let out = &mut self.colours.pixels[start + from..start + from + len];
@@ -175,17 +195,35 @@ impl Fill<'_> {
     /// Shades fragments of one face into `scratch`.
     fn shade_fragments(&mut self, run: &[Fragment]) {
         let ready = self.ready(run[0].face);
-        let Scratch { x, y, opacity, packed } = &mut *self.scratch;
+        let Scratch {
+            x,
+            y,
+            opacity,
+            packed,
+        } = &mut *self.scratch;
         let len = run.len().next_multiple_of(MOST_LANES);
         x.clear();
         y.clear();
-        x.extend(run.iter().map(|f| middle(usize::from(f.x), self.cover.width)));
-        y.extend(run.iter().map(|f| -middle(usize::from(f.y), self.cover.height)));
+        x.extend(
+            run.iter()
+                .map(|f| middle(usize::from(f.x), self.cover.width)),
+        );
+        y.extend(
+            run.iter()
+                .map(|f| -middle(usize::from(f.y), self.cover.height)),
+        );
         x.resize(len, x[0]);
         y.resize(len, y[0]);
         packed.resize(len, 0);
         opacity.resize(len, 0.0);
-        shade_run(self.kind, &mut self.shader, &ready, Places::Anywhere { x, y }, packed, Some(opacity));
+        shade_run(
+            self.kind,
+            &mut self.shader,
+            &ready,
+            Places::Anywhere { x, y },
+            packed,
+            Some(opacity),
+        );
     }
 
     /// Adds each fragment to the sum of its pixel; the weights of a pixel add up to four.
@@ -210,12 +248,17 @@ impl Fill<'_> {
         for run in fragments.chunk_by(|a, b| a.face == b.face) {
             self.shade_fragments(run);
             for (i, f) in run.iter().enumerate() {
-                let pixel = &mut self.colours.pixels[usize::from(f.y) * self.colours.stride + usize::from(f.x)];
+                let pixel = &mut self.colours.pixels
+                    [usize::from(f.y) * self.colours.stride + usize::from(f.x)];
                 let alpha = self.scratch.opacity[i] * f32::from(f.weight) * part;
                 let (above, below) = (self.scratch.packed[i].to_le_bytes(), pixel.to_le_bytes());
                 let mixed = [0, 1, 2].map(|k| {
                     let value = f32::from(above[k]) * alpha + f32::from(below[k]) * (1.0 - alpha);
-                    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates")]
+                    #[expect(
+                        clippy::cast_possible_truncation,
+                        clippy::cast_sign_loss,
+                        reason = "saturates"
+                    )]
                     let byte = (value + 0.5) as u8;
                     byte
                 });

@@ -6,7 +6,8 @@
 use crate::cover::{Corner, Cover, Drawn, NOTHING, Outline, Window, facing, outline};
 use crate::fill::Fragment;
 use crate::math::mul3;
-use crate::scene::{Part, Scene, Shape};
+use crate::prepare::{Part, Scene};
+use crate::scene::Shape;
 use crate::shade::{Placed, Ready, Role};
 use crate::solid::Nodes;
 use crate::view::{Projection, View, dot64};
@@ -51,7 +52,8 @@ impl Sink for Into<'_> {
     }
 
     fn face<const N: usize>(&mut self, outline: &Outline<N>, window: Window, number: usize) {
-        self.0.draw(outline, window, u32::try_from(number).unwrap_or(NOTHING));
+        self.0
+            .draw(outline, window, u32::try_from(number).unwrap_or(NOTHING));
     }
 }
 
@@ -66,12 +68,20 @@ impl Sink for Listed<'_> {
         self.cover
     }
 
-    #[expect(clippy::cast_possible_truncation, reason = "pictures have at most 16384 rows and columns")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "pictures have at most 16384 rows and columns"
+    )]
     fn face<const N: usize>(&mut self, outline: &Outline<N>, window: Window, number: usize) {
         let face = u32::try_from(number).unwrap_or(NOTHING);
         let fragments = &mut *self.fragments;
         self.cover.visit(outline, window, |x, y, mask| {
-            fragments.push(Fragment { face, x: x as u16, y: y as u16, weight: mask.count_ones() as u8 });
+            fragments.push(Fragment {
+                face,
+                x: x as u16,
+                y: y as u16,
+                weight: mask.count_ones() as u8,
+            });
         });
     }
 }
@@ -92,7 +102,11 @@ pub(crate) fn origin_of(scene: &Scene, view: &View, part: &Part) -> [f64; 3] {
     for k in 0..3 {
         at[k] += f64::from(part.shift) * r[3 * k + 2];
     }
-    for (axis, step) in scene.plane_step[part.geom].iter().enumerate().filter(|s| *s.1 > 0.0) {
+    for (axis, step) in scene.plane_step[part.geom]
+        .iter()
+        .enumerate()
+        .filter(|s| *s.1 > 0.0)
+    {
         let to_eye = [0, 1, 2].map(|k| view.camera.position[k] - pose.position[k]);
         let along = dot64(to_eye, [r[axis], r[3 + axis], r[6 + axis]]);
         // Whole repetitions of the texture, so that it seems to stand still.
@@ -115,21 +129,31 @@ impl Frame {
     }
 
     /// Draws all opaque parts and sets the transparent ones aside.
-    pub(crate) fn draw_opaque(&mut self, scene: &Scene, view: &View, projection: &Projection, cover: &mut Cover) {
+    pub(crate) fn draw_opaque(
+        &mut self,
+        scene: &Scene,
+        view: &View,
+        projection: &Projection,
+        cover: &mut Cover,
+    ) {
         for part in &scene.parts {
             let alpha = scene.spec.geoms[part.geom].surface.rgba[3];
             if !view.is_visible[part.geom] || alpha == 0.0 {
                 continue;
             }
             if alpha < OPAQUE || is_seen_from_behind(scene, view, part) {
-                self.glass.push((glass_distance(scene, view, part.geom), *part));
+                self.glass
+                    .push((glass_distance(scene, view, part.geom), *part));
             } else {
                 self.draw_geom_part(scene, view, projection, part, 1.0, false, &mut Into(cover));
             }
         }
     }
 
-    #[expect(clippy::too_many_arguments, reason = "one step of drawing, called from two places")]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "one step of drawing, called from two places"
+    )]
     pub(crate) fn draw_geom_part(
         &mut self,
         scene: &Scene,
@@ -141,19 +165,36 @@ impl Frame {
         sink: &mut impl Sink,
     ) {
         let position = origin_of(scene, view, part);
-        let place = (Role::Geom(part.geom), part, position, &view.poses[part.geom].rotation);
+        let place = (
+            Role::Geom(part.geom),
+            part,
+            position,
+            &view.poses[part.geom].rotation,
+        );
         self.draw_part(scene, projection, place, alpha, is_inverted, sink);
     }
 
     /// Draws the sky's cylinder around the camera, seen from inside.
-    pub(crate) fn draw_sky(&mut self, scene: &Scene, view: &View, projection: &Projection, cover: &mut Cover) {
+    pub(crate) fn draw_sky(
+        &mut self,
+        scene: &Scene,
+        view: &View,
+        projection: &Projection,
+        cover: &mut Cover,
+    ) {
         if scene.spec.sky.is_none() {
             return;
         }
         #[expect(clippy::cast_possible_truncation, reason = "vertices are f32")]
         let reach = (SKY_REACH * scene.spec.far) as f32;
         let upright = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
-        let part = Part { geom: 0, solid: scene.sky_solid, scale: [reach; 3], shift: 0.0, radius: f32::INFINITY };
+        let part = Part {
+            geom: 0,
+            solid: scene.sky_solid,
+            scale: [reach; 3],
+            shift: 0.0,
+            radius: f32::INFINITY,
+        };
         let place = (Role::Sky, &part, view.camera.position, &upright);
         self.draw_part(scene, projection, place, 1.0, true, &mut Into(cover));
     }
@@ -191,7 +232,12 @@ impl Frame {
             let v = [v[0] + constant[0], v[1] + constant[1], v[2] + constant[2]];
             let z = depth_row[0] * p[0] + depth_row[1] * p[1] + depth_row[2] * p[2] + depth_row[3];
             let w = 1.0 / v[2];
-            Corner { p: v, z, at: [v[0] * w, v[1] * w], is_ahead: v[2] >= projection.near }
+            Corner {
+                p: v,
+                z,
+                at: [v[0] * w, v[1] * w],
+                is_ahead: v[2] >= projection.near,
+            }
         }));
         for (face, corners) in solid.triangles.iter().enumerate() {
             self.draw_face(corners, (number, face), is_inverted, projection.near, sink);
@@ -200,14 +246,21 @@ impl Frame {
             let face = (number, face + solid.triangles.len());
             let [a, b, c, d] = large.corners;
             match large.nodes {
-                Nodes::Grid { .. } => self.draw_face(&[a, b, c, d], face, is_inverted, projection.near, sink),
-                Nodes::Slice { .. } => self.draw_face(&[a, b, c], face, is_inverted, projection.near, sink),
+                Nodes::Grid { .. } => {
+                    self.draw_face(&[a, b, c, d], face, is_inverted, projection.near, sink);
+                }
+                Nodes::Slice { .. } => {
+                    self.draw_face(&[a, b, c], face, is_inverted, projection.near, sink);
+                }
             }
         }
     }
 
     #[inline(always)]
-    #[expect(clippy::cast_possible_truncation, reason = "solids have far fewer than 2^32 faces")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "solids have far fewer than 2^32 faces"
+    )]
     fn draw_face<const N: usize>(
         &mut self,
         corners: &[u32; N],
@@ -225,7 +278,11 @@ impl Frame {
         };
         let (shape, drawn) = outline(&corners, front, is_inverted);
         sink.face(&shape, window, self.drawn.len());
-        self.drawn.push(Drawn { part, face: face as u32, ..drawn });
+        self.drawn.push(Drawn {
+            part,
+            face: face as u32,
+            ..drawn
+        });
     }
 }
 
@@ -235,7 +292,12 @@ pub(crate) fn glass_distance(scene: &Scene, view: &View, geom: usize) -> f32 {
     if matches!(scene.spec.geoms[geom].shape, Shape::Plane { .. }) {
         return 1e10;
     }
-    let radius = scene.parts.iter().filter(|p| p.geom == geom).map(|p| p.radius + p.shift.abs()).fold(0.0, f32::max);
+    let radius = scene
+        .parts
+        .iter()
+        .filter(|p| p.geom == geom)
+        .map(|p| p.radius + p.shift.abs())
+        .fold(0.0, f32::max);
     let way = [0, 1, 2].map(|k| view.poses[geom].position[k] - view.camera.position[k]);
     dot64(way, way).sqrt() as f32 - radius
 }

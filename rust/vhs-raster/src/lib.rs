@@ -28,6 +28,23 @@
 //! # }
 //! ```
 #![deny(missing_docs)]
+#![allow(clippy::doc_markdown, reason = "MuJoCo and OpenGL are names, not code")]
+#![allow(
+    clippy::float_cmp,
+    reason = "numbers are compared with values that are kept exactly, or with themselves"
+)]
+#![allow(
+    clippy::inline_always,
+    reason = "code over `lanes::Machine` gets its instruction set from the function it is inlined into"
+)]
+#![allow(
+    clippy::many_single_char_names,
+    reason = "x, y, u, v, w are what the literature calls them"
+)]
+#![allow(
+    clippy::needless_range_loop,
+    reason = "loops over axes and channels read better by number"
+)]
 
 mod canvas;
 mod cover;
@@ -37,15 +54,21 @@ mod frame;
 mod lanes;
 mod light;
 mod math;
+mod paint;
+mod prepare;
+mod round;
 mod scene;
 mod shade;
 mod solid;
+#[cfg(test)]
+mod tests;
 mod texture;
 mod view;
 
 pub use canvas::{Antialias, Canvas, Layout};
 pub use error::{Error, Result};
-pub use scene::{Geom, Haze, Light, LightKind, MeshData, Scene, SceneSpec, Shape, Surface, TextureUse};
+pub use prepare::Scene;
+pub use scene::{Geom, Haze, Light, LightKind, MeshData, SceneSpec, Shape, Surface, TextureUse};
 pub use solid::Tessellation;
 pub use texture::{Texture, TextureKind};
 pub use view::{Camera, Lens, View};

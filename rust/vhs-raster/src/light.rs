@@ -2,7 +2,8 @@
 //! with a local viewer, one-sided, highlights added before the texture, as MuJoCo sets it up.
 
 use crate::math::{V3, add, dot, normalize, pow_unit, scale, sub, times};
-use crate::scene::{Light, LightKind, Scene, Surface};
+use crate::prepare::Scene;
+use crate::scene::{Light, LightKind, Surface};
 use crate::view::{LightPose, Projection, View, light_at_camera};
 
 /// OpenGL's fixed pipeline knows this many lights.
@@ -25,7 +26,7 @@ struct Lamp {
 /// All lights of a view.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Lamps {
-    lamps: Vec<Lamp>,
+    lit: Vec<Lamp>,
     eye: V3,
     /// Light that is there without lamps.
     ambient: f32,
@@ -39,16 +40,27 @@ impl Lamps {
     /// Collects the lights of `view`, reusing memory.
     pub(crate) fn update(&mut self, scene: &Scene, view: &View, projection: &Projection) {
         self.eye = view.eye();
-        self.lamps.clear();
+        self.lit.clear();
         for (light, pose) in scene.spec.lights.iter().zip(&view.lights) {
-            if pose.is_on && self.lamps.len() < MOST_LIGHTS {
-                let pose = if light.is_headlight { light_at_camera(self.eye, projection.forward) } else { *pose };
-                self.lamps.push(Lamp::new(*light, pose));
+            if pose.is_on && self.lit.len() < MOST_LIGHTS {
+                let pose = if light.is_headlight {
+                    light_at_camera(self.eye, projection.forward)
+                } else {
+                    *pose
+                };
+                self.lit.push(Lamp::new(*light, pose));
             }
         }
-        self.ambient = if self.lamps.is_empty() { DARK_AMBIENT } else { 0.0 };
-        self.is_parallel = self.lamps.iter().all(|l| l.light.kind == LightKind::Directional);
-        self.has_highlights = self.lamps.iter().any(|l| l.light.specular != [0.0; 3]);
+        self.ambient = if self.lit.is_empty() {
+            DARK_AMBIENT
+        } else {
+            0.0
+        };
+        self.is_parallel = self
+            .lit
+            .iter()
+            .all(|l| l.light.kind == LightKind::Directional);
+        self.has_highlights = self.lit.iter().any(|l| l.light.specular != [0.0; 3]);
     }
 
     /// Whether every point of a flat face with this surface gets the same light.
@@ -61,7 +73,7 @@ impl Lamps {
         let base = [surface.rgba[0], surface.rgba[1], surface.rgba[2]];
         let to_eye = normalize(sub(self.eye, position));
         let mut sum = scale(base, surface.emission + self.ambient);
-        for lamp in &self.lamps {
+        for lamp in &self.lit {
             sum = add(sum, lamp.on(position, normal, to_eye, base, surface));
         }
         sum.map(|c| c.clamp(0.0, 1.0))
@@ -74,7 +86,12 @@ impl Lamp {
             LightKind::Spot { cutoff, .. } if cutoff < 180.0 => cosine_of_degrees(cutoff),
             _ => -2.0,
         };
-        Self { light, position: pose.position, direction: normalize(pose.direction), cos_cutoff }
+        Self {
+            light,
+            position: pose.position,
+            direction: normalize(pose.direction),
+            cos_cutoff,
+        }
     }
 
     fn on(&self, position: V3, normal: V3, to_eye: V3, base: V3, surface: &Surface) -> V3 {
@@ -88,7 +105,10 @@ impl Lamp {
             sum = add(sum, scale(times(self.light.diffuse, base), facing));
             if surface.specular > 0.0 && self.light.specular != [0.0; 3] {
                 let halfway = normalize(add(to_light, to_eye));
-                let gloss = pow_unit(dot(normal, halfway).clamp(0.0, 1.0), 128.0 * surface.shininess);
+                let gloss = pow_unit(
+                    dot(normal, halfway).clamp(0.0, 1.0),
+                    128.0 * surface.shininess,
+                );
                 sum = add(sum, scale(self.light.specular, gloss * surface.specular));
             }
         }
@@ -97,7 +117,12 @@ impl Lamp {
 
     /// Direction towards the light, and what share of it arrives.
     fn strength(&self, position: V3) -> (V3, f32) {
-        let LightKind::Spot { attenuation, exponent, .. } = self.light.kind else {
+        let LightKind::Spot {
+            attenuation,
+            exponent,
+            ..
+        } = self.light.kind
+        else {
             return (scale(self.direction, -1.0), 1.0);
         };
         let way = sub(self.position, position);
@@ -108,7 +133,11 @@ impl Lamp {
             return (to_light, 0.0);
         }
         let fall = attenuation[0] + distance * (attenuation[1] + distance * attenuation[2]);
-        let cone = if self.cos_cutoff < -1.0 { 1.0 } else { pow_unit(along.clamp(0.0, 1.0), exponent) };
+        let cone = if self.cos_cutoff < -1.0 {
+            1.0
+        } else {
+            pow_unit(along.clamp(0.0, 1.0), exponent)
+        };
         (to_light, cone / fall)
     }
 }

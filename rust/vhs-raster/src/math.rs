@@ -70,22 +70,44 @@ pub(crate) fn mul3(m: &[f32; 9], v: V3) -> V3 {
 /// Largest integer not above `x`, as i32; without a call where the machine lacks a rounding instruction.
 #[inline(always)]
 pub(crate) fn floor_i32(x: f32) -> i32 {
-    #[expect(clippy::cast_possible_truncation, reason = "saturation is wanted for huge values")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "saturation is wanted for huge values"
+    )]
     let truncated = x as i32;
-    #[expect(clippy::cast_precision_loss, reason = "values are below 2^24 wherever the result is used")]
+    #[expect(
+        clippy::cast_precision_loss,
+        reason = "values are below 2^24 wherever the result is used"
+    )]
     let whole = truncated as f32;
     truncated - i32::from(whole > x)
 }
 
-/// `base` to the power `exponent` for `base` in 0..=1 and `exponent >= 0`, in f64 by the same steps everywhere.
+/// `base` to the power `exponent`, for `base` in 0..=1 and `exponent >= 0`, by the same steps everywhere.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "rounding to f32; small whole exponents"
+)]
 pub(crate) fn pow_unit(base: f32, exponent: f32) -> f32 {
-    if exponent == 0.0 {
-        return 1.0;
+    let whole = exponent as u32;
+    #[expect(
+        clippy::cast_precision_loss,
+        clippy::float_cmp,
+        reason = "exact for small whole numbers"
+    )]
+    let is_whole = whole <= 1024 && whole as f32 == exponent;
+    if !is_whole {
+        return libm::pow(f64::from(base), f64::from(exponent)) as f32;
     }
-    if base <= 0.0 {
-        return 0.0;
+    // Squaring takes a tenth of the time, and shininess is mostly a multiple of 1/128.
+    let (mut result, mut square, mut left) = (1.0_f64, f64::from(base), whole);
+    while left != 0 {
+        if left & 1 == 1 {
+            result *= square;
+        }
+        square *= square;
+        left >>= 1;
     }
-    #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is the point")]
-    let result = libm::pow(f64::from(base), f64::from(exponent)) as f32;
-    result
+    result as f32
 }

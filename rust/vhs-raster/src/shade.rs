@@ -8,9 +8,10 @@ use crate::cover::Drawn;
 use crate::lanes::{Kind, MOST_LANES, Machine, Plain};
 use crate::light::Lamps;
 use crate::math::{V3, add, mul3, normalize, scale, sub, times};
-use crate::scene::{Mapping, Scene, Surface};
+use crate::paint::{Batch, Places, along, paint_cube, paint_flat, slope_of};
+use crate::prepare::{Mapping, Scene};
+use crate::scene::Surface;
 use crate::solid::{Face, Nodes, Solid};
-use crate::texture::Texture;
 
 /// What a part of the frame is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,10 +55,19 @@ enum Light {
 enum Paint {
     None,
     /// Slopes of both coordinates along x and along y, see [`slope_of`].
-    Flat { texture: usize, rows: [V3; 2], slopes: [[f32; 2]; 4] },
-    Cube { texture: usize, rows: [V3; 3] },
+    Flat {
+        texture: usize,
+        rows: [V3; 2],
+        slopes: [[f32; 2]; 4],
+    },
+    Cube {
+        texture: usize,
+        rows: [V3; 3],
+    },
     /// Haze: the coordinate is its opacity.
-    Opacity { row: V3 },
+    Opacity {
+        row: V3,
+    },
 }
 
 /// A visible face, prepared when its first sample is shaded.
@@ -107,15 +117,6 @@ pub(crate) struct Shader<'a> {
     pub(crate) nodes: &'a mut NodeCache,
 }
 
-/// Where samples are in the picture, relative to its middle, y upwards.
-#[derive(Debug, Clone, Copy)]
-pub(crate) enum Places<'a> {
-    /// Pixel after pixel from `(x, y)` to the right.
-    Row { x: f32, y: f32 },
-    /// One by one.
-    Anywhere { x: &'a [f32], y: &'a [f32] },
-}
-
 /// Colours of samples of one face as bytes, red in the low byte, and their opacity if it is wanted.
 ///
 /// The length of `out` (and of all other slices) is a multiple of [`MOST_LANES`].
@@ -162,41 +163,8 @@ fn run_avx512(
     shader.run::<crate::lanes::Avx512>(ready, places, out, opacity);
 }
 
-/// Distance of each lane from the first.
-const STEPS: [f32; MOST_LANES] =
-    [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
-
-/// A few samples of one face.
-#[derive(Debug, Clone, Copy)]
-struct Batch<M: Machine> {
-    x: M::F,
-    y: M::F,
-}
-
-impl Places<'_> {
-    /// Samples from number `first` on.
-    #[inline(always)]
-    fn batch<M: Machine>(&self, first: usize) -> Batch<M> {
-        match self {
-            Places::Row { x, y } => {
-                #[expect(clippy::cast_precision_loss, reason = "pictures are far smaller than 2^24")]
-                let start = M::float(x + first as f32);
-                Batch { x: M::add(start, M::load(&STEPS)), y: M::float(*y) }
-            }
-            Places::Anywhere { x, y } => Batch { x: M::load(&x[first..]), y: M::load(&y[first..]) },
-        }
-    }
-}
-
 /// Colours of a batch: red, green, blue and opacity in 0..=1.
 type Colours<M> = [<M as Machine>::F; 4];
-
-/// A row times `(x, y, 1)`.
-#[inline(always)]
-fn along<M: Machine>(row: V3, batch: &Batch<M>) -> M::F {
-    let start = M::mul_then_add(M::float(row[1]), batch.y, M::float(row[2]));
-    M::mul_then_add(M::float(row[0]), batch.x, start)
-}
 
 /// Colours as bytes, rounded: red in the low byte, opacity left out.
 #[inline(always)]
@@ -218,12 +186,31 @@ impl Shader<'_> {
         let solid = &self.scene.solids[part.solid];
         let (light, alpha) = match part.role {
             Role::Sky => (Light::Even([1.0; 3]), 1.0),
-            Role::Haze => (Light::Even(self.scene.spec.haze.map_or([0.0; 3], |h| h.rgb)), 1.0),
-            Role::Geom(g) => (self.light_of(&part, &self.scene.spec.geoms[g].surface, solid, drawn.face), part.alpha),
+            Role::Haze => (
+                Light::Even(self.scene.spec.haze.map_or([0.0; 3], |h| h.rgb)),
+                1.0,
+            ),
+            Role::Geom(g) => (
+                self.light_of(&part, &self.scene.spec.geoms[g].surface, solid, drawn.face),
+                part.alpha,
+            ),
         };
         let paint = self.paint_of(&part, solid, drawn);
-        let Drawn { whole, along, part, face } = *drawn;
-        Ready { whole, along, light, paint, part, face, alpha }
+        let Drawn {
+            whole,
+            along,
+            part,
+            face,
+        } = *drawn;
+        Ready {
+            whole,
+            along,
+            light,
+            paint,
+            part,
+            face,
+            alpha,
+        }
     }
 
     fn light_of(&mut self, part: &Placed, surface: &Surface, solid: &Solid, face: u32) -> Light {
@@ -238,23 +225,35 @@ impl Shader<'_> {
                 let [a, b] = [*base, base + step_s].map(|n| self.lit(part, surface, solid, n));
                 if a == b { Light::Even(a) } else { Light::Nodes }
             }
-            Nodes::Slice { c, .. } if self.lamps.is_even(surface) => Light::Even(self.lit(part, surface, solid, *c)),
+            Nodes::Slice { c, .. } if self.lamps.is_even(surface) => {
+                Light::Even(self.lit(part, surface, solid, *c))
+            }
             _ => Light::Nodes,
         }
     }
 
     fn paint_of(&self, part: &Placed, solid: &Solid, drawn: &Drawn) -> Paint {
         let row = |v: [f32; 3]| {
-            let sides = add(scale(drawn.along[0], v[1] - v[0]), scale(drawn.along[1], v[2] - v[0]));
+            let sides = add(
+                scale(drawn.along[0], v[1] - v[0]),
+                scale(drawn.along[1], v[2] - v[0]),
+            );
             add(scale(drawn.whole, v[0]), sides)
         };
         let rows_of = |p: [V3; 3], axis: usize, k: f32| row(p.map(|p| k * p[axis]));
         let geom = match part.role {
-            Role::Haze => return Paint::Opacity { row: row(uv_of(solid, drawn.face).map(|t| t[0])) },
+            Role::Haze => {
+                return Paint::Opacity {
+                    row: row(uv_of(solid, drawn.face).map(|t| t[0])),
+                };
+            }
             Role::Sky => {
                 let p = frame_of(solid, drawn.face);
                 let texture = self.scene.spec.sky.unwrap_or(0);
-                return Paint::Cube { texture, rows: [rows_of(p, 0, 1.0), rows_of(p, 2, 1.0), rows_of(p, 1, -1.0)] };
+                return Paint::Cube {
+                    texture,
+                    rows: [rows_of(p, 0, 1.0), rows_of(p, 2, 1.0), rows_of(p, 1, -1.0)],
+                };
             }
             Role::Geom(g) => g,
         };
@@ -277,7 +276,10 @@ impl Shader<'_> {
             }
             Mapping::Cube { scale } => {
                 let p = frame_of(solid, drawn.face);
-                Paint::Cube { texture, rows: [0, 1, 2].map(|k| rows_of(p, k, scale[k])) }
+                Paint::Cube {
+                    texture,
+                    rows: [0, 1, 2].map(|k| rows_of(p, k, scale[k])),
+                }
             }
         }
     }
@@ -285,8 +287,17 @@ impl Shader<'_> {
     fn flat(&self, texture: usize, rows: [V3; 2], whole: V3) -> Paint {
         let size = self.scene.spec.textures[texture].size();
         let (u, v) = (scale(rows[0], size.0), scale(rows[1], size.1));
-        let slopes = [slope_of(u, whole, 0), slope_of(v, whole, 0), slope_of(u, whole, 1), slope_of(v, whole, 1)];
-        Paint::Flat { texture, rows, slopes }
+        let slopes = [
+            slope_of(u, whole, 0),
+            slope_of(v, whole, 0),
+            slope_of(u, whole, 1),
+            slope_of(v, whole, 1),
+        ];
+        Paint::Flat {
+            texture,
+            rows,
+            slopes,
+        }
     }
 
     /// Colour of a node, lit on first use.
@@ -297,8 +308,15 @@ impl Shader<'_> {
             return self.nodes.colours[slot];
         }
         let n = &solid.nodes[node as usize];
-        let position = add(mul3(&part.rotation, times(n.position, part.scale)), part.position);
-        let bent = [n.normal[0] / part.scale[0], n.normal[1] / part.scale[1], n.normal[2] / part.scale[2]];
+        let position = add(
+            mul3(&part.rotation, times(n.position, part.scale)),
+            part.position,
+        );
+        let bent = [
+            n.normal[0] / part.scale[0],
+            n.normal[1] / part.scale[1],
+            n.normal[2] / part.scale[2],
+        ];
         let normal = normalize(mul3(&part.rotation, bent));
         let colour = self.lamps.colour(position, normal, surface);
         self.nodes.colours[slot] = colour;
@@ -335,7 +353,11 @@ impl Shader<'_> {
             Light::Corners(corners) => {
                 let s = M::mul(along(ready.along[0], batch), w);
                 let t = M::mul(along(ready.along[1], batch), w);
-                (between::<M>(&corners, 0, s, t), between::<M>(&corners, 1, s, t), between::<M>(&corners, 2, s, t))
+                (
+                    between::<M>(&corners, 0, s, t),
+                    between::<M>(&corners, 1, s, t),
+                    between::<M>(&corners, 2, s, t),
+                )
             }
             Light::Nodes => {
                 let s = M::mul(along(ready.along[0], batch), w);
@@ -350,13 +372,21 @@ impl Shader<'_> {
         let mut opacity = M::float(ready.alpha);
         let texels = match ready.paint {
             Paint::None => return [red, green, blue, opacity],
-            Paint::Opacity { row } => return [red, green, blue, M::unit(M::mul(along(row, batch), w))],
-            Paint::Flat { texture, rows, slopes } => {
-                paint_flat::<M>(&self.scene.spec.textures[texture], rows, slopes, batch, w)
+            Paint::Opacity { row } => {
+                return [red, green, blue, M::unit(M::mul(along(row, batch), w))];
             }
-            Paint::Cube { texture, rows } => {
-                paint_cube::<M>(&self.scene.spec.textures[texture], ready.whole, rows, batch, w)
-            }
+            Paint::Flat {
+                texture,
+                rows,
+                slopes,
+            } => paint_flat::<M>(&self.scene.spec.textures[texture], rows, slopes, batch, w),
+            Paint::Cube { texture, rows } => paint_cube::<M>(
+                &self.scene.spec.textures[texture],
+                ready.whole,
+                rows,
+                batch,
+                w,
+            ),
         };
         let byte = M::float(1.0 / 255.0);
         red = M::mul(red, M::mul(texels[0], byte));
@@ -405,12 +435,22 @@ impl Shader<'_> {
 #[inline(always)]
 fn triangle_at(face: &Face, s: f32, t: f32) -> ([u32; 3], [f32; 2]) {
     match &face.nodes {
-        Nodes::Grid { s: lines_s, t: lines_t, base, step_s, step_t } => {
+        Nodes::Grid {
+            s: lines_s,
+            t: lines_t,
+            base,
+            step_s,
+            step_t,
+        } => {
             let ((i, a), (j, b)) = (lines_s.find(s), lines_t.find(t));
             #[expect(clippy::cast_possible_truncation, reason = "grids have few lines")]
             let low = base + i as u32 * step_s + j as u32 * step_t;
             let (right, up) = (low + step_s, low + step_t);
-            if a + b <= 1.0 { ([low, right, up], [a, b]) } else { ([right + step_t, up, right], [1.0 - a, 1.0 - b]) }
+            if a + b <= 1.0 {
+                ([low, right, up], [a, b])
+            } else {
+                ([right + step_t, up, right], [1.0 - a, 1.0 - b])
+            }
         }
         Nodes::Slice { rings, a, b, c } => slice_triangle(*rings, [*a, *b, *c], s, t),
     }
@@ -425,7 +465,11 @@ fn slice_triangle(rings: usize, [a, b, c]: [u32; 3], s: f32, t: f32) -> ([u32; 3
     if ring == 0 {
         return ([c, a, b], [x, y]);
     }
-    #[expect(clippy::cast_precision_loss, clippy::cast_sign_loss, reason = "few rings, not negative")]
+    #[expect(
+        clippy::cast_precision_loss,
+        clippy::cast_sign_loss,
+        reason = "few rings, not negative"
+    )]
     let (k, inner) = (ring as f32, ring as u32 - 1);
     let outer = inner + 1;
     let q = y / (k + 1.0);
@@ -440,13 +484,10 @@ fn slice_triangle(rings: usize, [a, b, c]: [u32; 3], s: f32, t: f32) -> ([u32; 3
 /// Position in the solid's unit frame at the first corner of a face and at the ends of its two sides.
 fn frame_of(solid: &Solid, face: u32) -> [V3; 3] {
     let face = face as usize;
-    let corners = match solid.triangles.get(face) {
-        Some(corners) => *corners,
-        None => {
-            let c = solid.faces[face - solid.triangles.len()].corners;
-            [c[0], c[1], c[3]]
-        }
-    };
+    let corners = solid.triangles.get(face).copied().unwrap_or_else(|| {
+        let c = solid.faces[face - solid.triangles.len()].corners;
+        [c[0], c[1], c[3]]
+    });
     corners.map(|c| solid.positions[c as usize])
 }
 
@@ -457,60 +498,6 @@ fn uv_of(solid: &Solid, face: u32) -> [[f32; 2]; 3] {
         Some(nodes) => nodes.map(|n| solid.uv[n as usize]),
         None => solid.faces[face - solid.triangles.len()].uv,
     }
-}
-
-/// Colours of a flat texture, 0..=255.
-#[inline(always)]
-fn paint_flat<M: Machine>(
-    texture: &Texture,
-    rows: [V3; 2],
-    [u_x, v_x, u_y, v_y]: [[f32; 2]; 4],
-    batch: &Batch<M>,
-    w: M::F,
-) -> [M::F; 4] {
-    let along_x = M::add(squared::<M>(u_x, batch.y), squared::<M>(v_x, batch.y));
-    let along_y = M::add(squared::<M>(u_y, batch.x), squared::<M>(v_y, batch.x));
-    let w2 = M::mul(w, w);
-    let rho2 = M::mul(M::max(along_x, along_y), M::mul(w2, w2));
-    texture.flat::<M>(M::mul(along(rows[0], batch), w), M::mul(along(rows[1], batch), w), rho2)
-}
-
-/// Square of `slope[0] * at + slope[1]`.
-#[inline(always)]
-fn squared<M: Machine>(slope: [f32; 2], at: M::F) -> M::F {
-    let value = M::mul_then_add(M::float(slope[0]), at, M::float(slope[1]));
-    M::mul(value, value)
-}
-
-/// Slope of a coordinate along axis 0 or 1 of the picture, over W squared, as a linear function of the other axis.
-///
-/// Of u = (a . d) / (b . d), the slope along x is (a_x (b . d) - b_x (a . d)) / (b . d)^2; the terms with x cancel in
-/// its numerator, which leaves two components of a cross product. The same goes for y.
-fn slope_of(row: V3, whole: V3, axis: usize) -> [f32; 2] {
-    let other = 1 - axis;
-    [row[axis] * whole[other] - row[other] * whole[axis], row[axis] * whole[2] - row[2] * whole[axis]]
-}
-
-/// Colours of a cube texture, 0..=255.
-#[inline(always)]
-fn paint_cube<M: Machine>(texture: &Texture, whole: V3, rows: [V3; 3], batch: &Batch<M>, w: M::F) -> [M::F; 4] {
-    let d = [
-        M::mul(along(rows[0], batch), w),
-        M::mul(along(rows[1], batch), w),
-        M::mul(along(rows[2], batch), w),
-    ];
-    texture.cube::<M>(d, slopes::<M>(rows, d, whole, w, 0), slopes::<M>(rows, d, whole, w, 1))
-}
-
-/// Change of a direction along one axis of the picture.
-#[inline(always)]
-fn slopes<M: Machine>(rows: [V3; 3], d: [M::F; 3], whole: V3, w: M::F, axis: usize) -> [M::F; 3] {
-    let change = M::float(whole[axis]);
-    [
-        M::mul(M::sub(M::float(rows[0][axis]), M::mul(d[0], change)), w),
-        M::mul(M::sub(M::float(rows[1][axis]), M::mul(d[1], change)), w),
-        M::mul(M::sub(M::float(rows[2][axis]), M::mul(d[2], change)), w),
-    ]
 }
 
 /// One channel of light on a triangle at coordinates `(s, t)`.

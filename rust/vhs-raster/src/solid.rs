@@ -25,7 +25,11 @@ pub struct Tessellation {
 impl Default for Tessellation {
     /// MuJoCo's defaults.
     fn default() -> Self {
-        Self { slices: 28, stacks: 16, quads: 4 }
+        Self {
+            slices: 28,
+            stacks: 16,
+            quads: 4,
+        }
     }
 }
 
@@ -40,14 +44,21 @@ pub(crate) struct Lines {
 
 impl Lines {
     /// `cells` cells of equal width.
-    fn even(cells: usize) -> Self {
+    pub(crate) fn even(cells: usize) -> Self {
         Self::new((0..=cells).map(|i| ratio(i, cells)).collect())
     }
 
     /// Lines at the given places; all cells but the first and last must be equally wide.
     pub(crate) fn new(at: Vec<f32>) -> Self {
-        let step = if at.len() > 3 { (at[at.len() - 2] - at[1]) / ratio(at.len() - 3, 1) } else { 1.0 };
-        Self { at, per_step: 1.0 / step }
+        let step = if at.len() > 3 {
+            (at[at.len() - 2] - at[1]) / ratio(at.len() - 3, 1)
+        } else {
+            1.0
+        };
+        Self {
+            at,
+            per_step: 1.0 / step,
+        }
     }
 
     /// Number of cells.
@@ -59,11 +70,20 @@ impl Lines {
     #[inline(always)]
     pub(crate) fn find(&self, x: f32) -> (usize, f32) {
         let last = self.cells() - 1;
-        let guess = crate::math::floor_i32((x - self.at[1]) * self.per_step).saturating_add(1).max(0);
+        let guess = crate::math::floor_i32((x - self.at[1]) * self.per_step)
+            .saturating_add(1)
+            .max(0);
         #[expect(clippy::cast_sign_loss, reason = "not below 0")]
         let cell = (guess as usize).min(last);
         let (low, high) = (self.at[cell], self.at[cell + 1]);
-        (cell, if high > low { (x - low) / (high - low) } else { 0.0 })
+        (
+            cell,
+            if high > low {
+                (x - low) / (high - low)
+            } else {
+                0.0
+            },
+        )
     }
 }
 
@@ -71,9 +91,20 @@ impl Lines {
 #[derive(Debug, Clone)]
 pub(crate) enum Nodes {
     /// A parallelogram with a grid: node `(i, j)` is `base + i * step_s + j * step_t`.
-    Grid { s: Lines, t: Lines, base: u32, step_s: u32, step_t: u32 },
+    Grid {
+        s: Lines,
+        t: Lines,
+        base: u32,
+        step_s: u32,
+        step_t: u32,
+    },
     /// A slice of a disk in `rings` rings: ring `k` has its nodes at `a + k - 1` and `b + k - 1`, the centre at `c`.
-    Slice { rings: usize, a: u32, b: u32, c: u32 },
+    Slice {
+        rings: usize,
+        a: u32,
+        b: u32,
+        c: u32,
+    },
 }
 
 /// A flat face larger than a triangle of the tessellation.
@@ -113,34 +144,53 @@ pub(crate) struct Solid {
     pub(crate) radius: f32,
 }
 
-#[expect(clippy::cast_precision_loss, reason = "counts of a tessellation are far below 2^24")]
-fn ratio(a: usize, b: usize) -> f32 {
+#[expect(
+    clippy::cast_precision_loss,
+    reason = "counts of a tessellation are far below 2^24"
+)]
+pub(crate) fn ratio(a: usize, b: usize) -> f32 {
     a as f32 / b as f32
 }
 
 /// Cosine and sine of `part / whole` of a turn.
-#[expect(clippy::cast_precision_loss, clippy::cast_possible_truncation, reason = "small counts; vertices are f32")]
-fn turn(part: usize, whole: usize) -> (f32, f32) {
+#[expect(
+    clippy::cast_precision_loss,
+    clippy::cast_possible_truncation,
+    reason = "small counts; vertices are f32"
+)]
+pub(crate) fn turn(part: usize, whole: usize) -> (f32, f32) {
     let angle = 2.0 * PI * part as f64 / whole as f64;
     (libm::cos(angle) as f32, libm::sin(angle) as f32)
 }
 
-fn index(i: usize) -> u32 {
+pub(crate) fn index(i: usize) -> u32 {
     u32::try_from(i).unwrap_or(u32::MAX)
 }
 
 impl Solid {
-    fn finished(mut self) -> Self {
-        self.radius = self.positions.iter().map(|&p| dot(p, p).sqrt()).fold(0.0, f32::max);
+    pub(crate) fn finished(mut self) -> Self {
+        self.radius = self
+            .positions
+            .iter()
+            .map(|&p| dot(p, p).sqrt())
+            .fold(0.0, f32::max);
         self
     }
 
     /// Adds a parallelogram with a grid: `corner` and its two sides, in counter-clockwise order.
-    fn push_grid(&mut self, corner: V3, along_s: V3, along_t: V3, lines: (Lines, Lines), uv: [[f32; 2]; 3]) {
+    fn push_grid(
+        &mut self,
+        corner: V3,
+        along_s: V3,
+        along_t: V3,
+        lines: (Lines, Lines),
+        uv: [[f32; 2]; 3],
+    ) {
         let (s, t) = lines;
         let first = index(self.positions.len());
         let opposite = add(add(corner, along_s), along_t);
-        self.positions.extend([corner, add(corner, along_s), opposite, add(corner, along_t)]);
+        self.positions
+            .extend([corner, add(corner, along_s), opposite, add(corner, along_t)]);
         let base = index(self.nodes.len());
         let normal = normalize(cross(along_s, along_t));
         for &b in &t.at {
@@ -151,7 +201,17 @@ impl Solid {
         }
         let corners = [first, first + 1, first + 2, first + 3];
         let step_t = index(s.at.len());
-        self.faces.push(Face { corners, uv, nodes: Nodes::Grid { s, t, base, step_s: 1, step_t } });
+        self.faces.push(Face {
+            corners,
+            uv,
+            nodes: Nodes::Grid {
+                s,
+                t,
+                base,
+                step_s: 1,
+                step_t,
+            },
+        });
     }
 
     /// A plane through the origin with normal z, from its grid lines along x and y and its texture coordinates
@@ -162,10 +222,18 @@ impl Solid {
         let (y0, y1) = (y[0], y[y.len() - 1]);
         #[expect(clippy::cast_possible_truncation, reason = "vertices are f32")]
         let lines = |l: &[f64], low: f64, high: f64| {
-            Lines::new(l.iter().map(|v| ((v - low) / (high - low)) as f32).collect())
+            Lines::new(
+                l.iter()
+                    .map(|v| ((v - low) / (high - low)) as f32)
+                    .collect(),
+            )
         };
         #[expect(clippy::cast_possible_truncation, reason = "vertices are f32")]
-        let (corner, width, height) = ([x0 as f32, y0 as f32, 0.0], (x1 - x0) as f32, (y1 - y0) as f32);
+        let (corner, width, height) = (
+            [x0 as f32, y0 as f32, 0.0],
+            (x1 - x0) as f32,
+            (y1 - y0) as f32,
+        );
         solid.push_grid(
             corner,
             [width, 0.0, 0.0],
@@ -191,174 +259,15 @@ impl Solid {
                 along_t[t] = 2.0 * up;
                 let v0 = 0.5 + 0.5 * up;
                 let uv = [[0.0, v0], [1.0, v0], [0.0, 1.0 - v0]];
-                solid.push_grid(corner, along_s, along_t, (Lines::even(quads), Lines::even(quads)), uv);
+                solid.push_grid(
+                    corner,
+                    along_s,
+                    along_t,
+                    (Lines::even(quads), Lines::even(quads)),
+                    uv,
+                );
             }
         }
-        solid.finished()
-    }
-
-    /// The open cylinder of radius 1 from z = -1 to z = 1.
-    fn push_tube(&mut self, t: Tessellation) {
-        let base = index(self.positions.len());
-        let node_base = index(self.nodes.len());
-        for j in 0..=t.slices {
-            let (c, s) = turn(j % t.slices, t.slices);
-            self.positions.extend([[c, s, -1.0], [c, s, 1.0]]);
-            for k in 0..=t.stacks {
-                self.nodes.push(Node { position: [c, s, 2.0 * ratio(k, t.stacks) - 1.0], normal: [c, s, 0.0] });
-            }
-        }
-        for j in 0..t.slices {
-            let at = |j: usize, top: u32| base + 2 * index(j) + top;
-            let (u0, u1) = (ratio(j, t.slices), ratio(j + 1, t.slices));
-            let nodes = Nodes::Grid {
-                s: Lines::even(1),
-                t: Lines::even(t.stacks),
-                base: node_base + index(j * (t.stacks + 1)),
-                step_s: index(t.stacks + 1),
-                step_t: 1,
-            };
-            self.faces.push(Face {
-                corners: [at(j, 0), at(j + 1, 0), at(j + 1, 1), at(j, 1)],
-                uv: [[u0, 1.0], [u1, 1.0], [u0, 0.0]],
-                nodes,
-            });
-        }
-    }
-
-    /// The disk of radius 1 at height `z`, facing up for `z > 0` and down otherwise.
-    fn push_disk(&mut self, z: f32, slices: usize, rings: usize) {
-        let normal = [0.0, 0.0, z.signum()];
-        let base = index(self.positions.len());
-        let node_base = index(self.nodes.len());
-        self.positions.push([0.0, 0.0, z]);
-        self.nodes.push(Node { position: [0.0, 0.0, z], normal });
-        for j in 0..slices {
-            let (c, s) = turn(j, slices);
-            self.positions.push([c, s, z]);
-            for k in 1..=rings {
-                let r = ratio(k, rings);
-                self.nodes.push(Node { position: [c * r, s * r, z], normal });
-            }
-        }
-        let uv_of = |p: V3| [0.5 + 0.5 * p[0], 0.5 + 0.5 * p[1]];
-        for j in 0..slices {
-            let (mut a, mut b) = (j, (j + 1) % slices);
-            if z < 0.0 {
-                std::mem::swap(&mut a, &mut b);
-            }
-            let corner = |i: usize| base + 1 + index(i);
-            let node = |i: usize| node_base + 1 + index(i * rings);
-            let (pa, pb) = (self.positions[corner(a) as usize], self.positions[corner(b) as usize]);
-            self.faces.push(Face {
-                corners: [base, corner(a), corner(b), corner(b)],
-                uv: [[0.5, 0.5], uv_of(pa), uv_of(pb)],
-                nodes: Nodes::Slice { rings, a: node(a), b: node(b), c: node_base },
-            });
-        }
-    }
-
-    /// A tube of radius 1 from -1 to 1 without ends.
-    pub(crate) fn tube(t: Tessellation) -> Self {
-        let mut solid = Self::default();
-        solid.push_tube(t);
-        solid.finished()
-    }
-
-    /// A cylinder of radius 1 from -1 to 1 with its ends.
-    pub(crate) fn cylinder(t: Tessellation) -> Self {
-        let mut solid = Self::default();
-        solid.push_disk(-1.0, t.slices, t.stacks / 2);
-        solid.push_tube(t);
-        solid.push_disk(1.0, t.slices, t.stacks / 2);
-        solid.finished()
-    }
-
-    /// Half of the sphere of radius 1: the upper one for `sign` 1, the lower one for -1, in `bands` bands whose
-    /// texture height runs from `v_equator` to `v_pole`.
-    fn push_dome(&mut self, sign: f64, slices: usize, bands: usize, v_equator: f32, v_pole: f32) {
-        let base = index(self.positions.len());
-        let node_base = index(self.nodes.len());
-        for i in 0..bands {
-            #[expect(clippy::cast_precision_loss, reason = "small counts")]
-            let elevation = sign * 0.5 * PI * i as f64 / bands as f64;
-            #[expect(clippy::cast_possible_truncation, reason = "vertices are f32")]
-            let (r, z) = (libm::cos(elevation) as f32, libm::sin(elevation) as f32);
-            let v = v_equator + (v_pole - v_equator) * ratio(i, bands);
-            for j in 0..=slices {
-                let (c, s) = turn(j % slices, slices);
-                let p = [c * r, s * r, z];
-                if j < slices {
-                    self.positions.push(p);
-                }
-                self.nodes.push(Node { position: p, normal: p });
-                self.uv.push([ratio(j, slices), v]);
-            }
-        }
-        let corner = |i: usize, j: usize| base + index(i * slices + j % slices);
-        let node = |i: usize, j: usize| node_base + index(i * (slices + 1) + j);
-        let mut push = |mut p: [u32; 3], mut n: [u32; 3]| {
-            if sign < 0.0 {
-                p.reverse();
-                n.reverse();
-            }
-            self.triangles.push(p);
-            self.triangle_nodes.push(n);
-        };
-        for i in 0..bands - 1 {
-            for j in 0..slices {
-                let p = [corner(i, j), corner(i, j + 1), corner(i + 1, j + 1), corner(i + 1, j)];
-                let n = [node(i, j), node(i, j + 1), node(i + 1, j + 1), node(i + 1, j)];
-                // OpenGL cuts a quad from its second to its fourth corner. The lower half lists its corners
-                // backwards, from the fourth, so there the cut joins the first and the third.
-                if sign > 0.0 {
-                    push([p[0], p[1], p[3]], [n[0], n[1], n[3]]);
-                    push([p[1], p[2], p[3]], [n[1], n[2], n[3]]);
-                } else {
-                    push([p[0], p[2], p[3]], [n[0], n[2], n[3]]);
-                    push([p[0], p[1], p[2]], [n[0], n[1], n[2]]);
-                }
-            }
-        }
-        self.push_pole(sign, slices, (base, node_base), bands - 1, v_pole);
-    }
-
-    /// Closes a dome at its pole, above the last ring of corners and nodes.
-    fn push_pole(&mut self, sign: f64, slices: usize, base: (u32, u32), ring: usize, v_pole: f32) {
-        #[expect(clippy::cast_possible_truncation, reason = "plus or minus one")]
-        let p = [0.0, 0.0, sign as f32];
-        let top = index(self.positions.len());
-        self.positions.push(p);
-        for j in 0..slices {
-            let tip = index(self.nodes.len());
-            self.nodes.push(Node { position: p, normal: p });
-            self.uv.push([0.5 * (ratio(j, slices) + ratio(j + 1, slices)), v_pole]);
-            let corner = |j: usize| base.0 + index(ring * slices + j % slices);
-            let node = |j: usize| base.1 + index(ring * (slices + 1) + j);
-            let (mut c, mut n) = ([corner(j), corner(j + 1), top], [node(j), node(j + 1), tip]);
-            if sign < 0.0 {
-                c.reverse();
-                n.reverse();
-            }
-            self.triangles.push(c);
-            self.triangle_nodes.push(n);
-        }
-    }
-
-    /// The sphere of radius 1.
-    pub(crate) fn sphere(t: Tessellation) -> Self {
-        let mut solid = Self::default();
-        solid.push_dome(-1.0, t.slices, (t.stacks / 2).max(1), 0.5, 1.0);
-        solid.push_dome(1.0, t.slices, (t.stacks / 2).max(1), 0.5, 0.0);
-        solid.weld();
-        solid.finished()
-    }
-
-    /// The half sphere that closes a capsule at its upper (`sign` 1) or lower (-1) end.
-    pub(crate) fn dome(sign: f64, t: Tessellation) -> Self {
-        let mut solid = Self::default();
-        let (v_equator, v_pole) = if sign > 0.0 { (1.0, 0.0) } else { (0.0, 1.0) };
-        solid.push_dome(sign, t.slices, (t.stacks / 2).max(1), v_equator, v_pole);
         solid.finished()
     }
 
@@ -376,7 +285,10 @@ impl Solid {
                 let (c, s) = turn(j, slices);
                 let position = [c * radius, s * radius, h];
                 solid.positions.push(position);
-                solid.nodes.push(Node { position, normal: [0.0, 0.0, 1.0] });
+                solid.nodes.push(Node {
+                    position,
+                    normal: [0.0, 0.0, 1.0],
+                });
                 solid.uv.push([opacity, 0.0]);
             }
         }
@@ -396,7 +308,10 @@ impl Solid {
     /// As in MuJoCo's renderer, a mesh without texture coordinates shows its face normal wherever the vertex
     /// normal leans away from it (cosine below 0.8): hard edges stay hard.
     pub(crate) fn mesh(mesh: &crate::scene::MeshData) -> Self {
-        let mut solid = Self { positions: mesh.vertices.clone(), ..Self::default() };
+        let mut solid = Self {
+            positions: mesh.vertices.clone(),
+            ..Self::default()
+        };
         let mut known = std::collections::HashMap::new();
         for (f, corners) in mesh.faces.iter().enumerate() {
             let p = corners.map(|c| mesh.vertices[c as usize]);
@@ -408,9 +323,16 @@ impl Solid {
                 if uv.is_none() && dot(normal, flat) < 0.8 {
                     normal = flat;
                 }
-                let key = (corners[k], normal.map(f32::to_bits), uv.map(|c| c.map(f32::to_bits)));
+                let key = (
+                    corners[k],
+                    normal.map(f32::to_bits),
+                    uv.map(|c| c.map(f32::to_bits)),
+                );
                 nodes[k] = *known.entry(key).or_insert_with(|| {
-                    solid.nodes.push(Node { position: p[k], normal });
+                    solid.nodes.push(Node {
+                        position: p[k],
+                        normal,
+                    });
                     solid.uv.extend(uv);
                     index(solid.nodes.len() - 1)
                 });
@@ -423,7 +345,7 @@ impl Solid {
     }
 
     /// Makes corners at the same place one corner: fewer to transform, and edges that meet exactly.
-    fn weld(&mut self) {
+    pub(crate) fn weld(&mut self) {
         let mut known = std::collections::HashMap::new();
         let mut kept = Vec::new();
         let moved: Vec<u32> = self
@@ -431,10 +353,12 @@ impl Solid {
             .iter()
             .map(|p| {
                 // Adding 0 turns -0 into 0, which is the same place.
-                *known.entry(p.map(|x| (x + 0.0).to_bits())).or_insert_with(|| {
-                    kept.push(*p);
-                    index(kept.len() - 1)
-                })
+                *known
+                    .entry(p.map(|x| (x + 0.0).to_bits()))
+                    .or_insert_with(|| {
+                        kept.push(*p);
+                        index(kept.len() - 1)
+                    })
             })
             .collect();
         self.positions = kept;

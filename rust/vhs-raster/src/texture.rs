@@ -20,6 +20,7 @@ pub enum TextureKind {
 const MOST_LEVELS: usize = 15;
 
 /// Texel colours in pairs of 16-bit lanes: `(red, blue)` and `(green, alpha)`.
+#[derive(Clone, Copy)]
 struct Texels<M: Machine> {
     red_blue: M::I,
     green_alpha: M::I,
@@ -51,7 +52,10 @@ impl<M: Machine> Texels<M> {
             // The weight in both halves, so that one multiplication serves two channels.
             let weight = M::or(weights[k], M::left(weights[k], 16));
             red_blue = M::plus(red_blue, M::times_pairs(M::and(taps[k], pair), weight));
-            green_alpha = M::plus(green_alpha, M::times_pairs(M::and(M::right(taps[k], 8), pair), weight));
+            green_alpha = M::plus(
+                green_alpha,
+                M::times_pairs(M::and(M::right(taps[k], 8), pair), weight),
+            );
         }
         Self {
             red_blue: M::and(M::right(red_blue, 8), pair),
@@ -66,8 +70,14 @@ impl<M: Machine> Texels<M> {
         let w = M::or(w, M::left(w, 16));
         let rest = M::minus(M::int(0x0100_0100), w);
         let half = M::int(0x0080_0080);
-        let red_blue = M::plus(M::times_pairs(self.red_blue, rest), M::times_pairs(other.red_blue, w));
-        let green_alpha = M::plus(M::times_pairs(self.green_alpha, rest), M::times_pairs(other.green_alpha, w));
+        let red_blue = M::plus(
+            M::times_pairs(self.red_blue, rest),
+            M::times_pairs(other.red_blue, w),
+        );
+        let green_alpha = M::plus(
+            M::times_pairs(self.green_alpha, rest),
+            M::times_pairs(other.green_alpha, w),
+        );
         Self {
             red_blue: M::and(M::right(M::plus(red_blue, half), 8), pair),
             green_alpha: M::and(M::right(M::plus(green_alpha, half), 8), pair),
@@ -89,7 +99,12 @@ impl<M: Machine> Texels<M> {
 
 /// Appends the smaller copies of the picture of `width * height` texels that starts at `base`; returns where each
 /// level starts, counted from `base`, and how many there are.
-fn add_levels(texels: &mut Vec<u32>, base: usize, width: u32, height: u32) -> ([u32; MOST_LEVELS], u32) {
+fn add_levels(
+    texels: &mut Vec<u32>,
+    base: usize,
+    width: u32,
+    height: u32,
+) -> ([u32; MOST_LEVELS], u32) {
     let mut starts = [0; MOST_LEVELS];
     let mut levels = 1;
     let size = |level: u32| ((width >> level).max(1), (height >> level).max(1));
@@ -109,7 +124,12 @@ fn add_levels(texels: &mut Vec<u32>, base: usize, width: u32, height: u32) -> ([
 }
 
 /// Texel `(x, y)` of a copy of size `(w, h)`: a linear look-up at its scaled centre, for even sizes a mean of four.
-fn halved(fine: &[u32], (fine_w, fine_h): (u32, u32), (x, y): (u32, u32), (w, h): (u32, u32)) -> u32 {
+fn halved(
+    fine: &[u32],
+    (fine_w, fine_h): (u32, u32),
+    (x, y): (u32, u32),
+    (w, h): (u32, u32),
+) -> u32 {
     let place = |i: u32, fine: u32, coarse: u32| {
         let wide = u64::from(2 * i + 1) * u64::from(fine) * 128 / u64::from(coarse);
         let at = u32::try_from(wide).unwrap_or(u32::MAX) - 128;
@@ -133,7 +153,10 @@ fn halved(fine: &[u32], (fine_w, fine_h): (u32, u32), (x, y): (u32, u32), (w, h)
 #[inline(always)]
 fn neighbours<M: Machine, const REPEAT: bool>(t: M::F, n: M::I) -> (M::I, M::I, M::I) {
     // Not negative, so cutting off the fraction is rounding down; texel centres are at odd multiples of 128.
-    let at = M::minus(M::truncate(M::mul(t, M::from_int(M::left(n, 8)))), M::int(128));
+    let at = M::minus(
+        M::truncate(M::mul(t, M::from_int(M::left(n, 8)))),
+        M::int(128),
+    );
     let (low, weight) = (M::right_signed(at, 8), M::and(at, M::int(255)));
     let high = M::plus(low, M::int(1));
     if REPEAT {
@@ -141,7 +164,11 @@ fn neighbours<M: Machine, const REPEAT: bool>(t: M::F, n: M::I) -> (M::I, M::I, 
         let wrapped = M::plus(low, M::and(M::right_signed(low, 31), n));
         (wrapped, M::without(M::equal(high, n), high), weight)
     } else {
-        (M::larger(low, M::int(0)), M::smaller(high, M::minus(n, M::int(1))), weight)
+        (
+            M::larger(low, M::int(0)),
+            M::smaller(high, M::minus(n, M::int(1))),
+            weight,
+        )
     }
 }
 
@@ -153,7 +180,10 @@ fn neighbours<M: Machine, const REPEAT: bool>(t: M::F, n: M::I) -> (M::I, M::I, 
 fn log2<M: Machine>(x: M::F) -> M::F {
     let bits = M::bits(x);
     let exponent = M::from_int(M::minus(M::right(bits, 23), M::int(127)));
-    let mantissa = M::from_bits(M::or(M::and(bits, M::int(0x007f_ffff)), M::int(0x3f80_0000)));
+    let mantissa = M::from_bits(M::or(
+        M::and(bits, M::int(0x007f_ffff)),
+        M::int(0x3f80_0000),
+    ));
     let m = M::sub(mantissa, M::float(1.0));
     let mut r = M::float(-0.044_423_59);
     for c in [0.147_508_23, -0.266_877_04, 0.441_899_33] {
@@ -170,7 +200,13 @@ impl Texture {
     ///
     /// # Errors
     /// [`Error::Length`], [`Error::Range`] when the sizes do not fit together.
-    pub fn new(kind: TextureKind, width: usize, height: usize, channels: usize, data: &[u8]) -> Result<Self> {
+    pub fn new(
+        kind: TextureKind,
+        width: usize,
+        height: usize,
+        channels: usize,
+        data: &[u8],
+    ) -> Result<Self> {
         if !(3..=4).contains(&channels) {
             return Err(Error::Range {
                 what: "texture channels",
@@ -180,7 +216,11 @@ impl Texture {
         }
         let expected = width * height * channels;
         if data.len() != expected || expected == 0 {
-            return Err(Error::Length { what: "texture bytes", expected, got: data.len() });
+            return Err(Error::Length {
+                what: "texture bytes",
+                expected,
+                got: data.len(),
+            });
         }
         let stacked = kind == TextureKind::Cube && height != width;
         if stacked && height != 6 * width {
@@ -192,11 +232,14 @@ impl Texture {
         }
         let rows = if stacked { width } else { height };
         let size = |n: usize| {
-            u32::try_from(n).ok().filter(|&n| n <= 16_384).ok_or_else(|| Error::Range {
-                what: "texture size",
-                expected: "at most 16384",
-                got: n.to_string(),
-            })
+            u32::try_from(n)
+                .ok()
+                .filter(|&n| n <= 16_384)
+                .ok_or_else(|| Error::Range {
+                    what: "texture size",
+                    expected: "at most 16384",
+                    got: n.to_string(),
+                })
         };
         let (w, h) = (size(width)?, size(rows)?);
         let mut texture = Self {
@@ -234,7 +277,10 @@ impl Texture {
     /// Colours of a flat texture at `(u, v)`, 0..=255; `rho2` is the squared size of a pixel in finest texels.
     #[inline(always)]
     pub(crate) fn flat<M: Machine>(&self, u: M::F, v: M::F, rho2: M::F) -> [M::F; 4] {
-        let (u, v) = (M::unit(M::sub(u, M::floor(u))), M::unit(M::sub(v, M::floor(v))));
+        let (u, v) = (
+            M::unit(M::sub(u, M::floor(u))),
+            M::unit(M::sub(v, M::floor(v))),
+        );
         self.trilinear::<M, true>(M::int(0), u, v, rho2)
     }
 
@@ -247,15 +293,27 @@ impl Texture {
         let (a, b) = (M::mul(s, inverse), M::mul(t, inverse));
         let half = M::float(0.5);
         let reach = M::mul(inverse, M::float(0.5 * self.size().0));
-        let rho2 = M::max(side.steepness(dx, a, b, reach), side.steepness(dy, a, b, reach));
-        let (u, v) = (M::unit(M::mul_then_add(a, half, half)), M::unit(M::mul_then_add(b, half, half)));
+        let rho2 = M::max(
+            side.steepness(dx, a, b, reach),
+            side.steepness(dy, a, b, reach),
+        );
+        let (u, v) = (
+            M::unit(M::mul_then_add(a, half, half)),
+            M::unit(M::mul_then_add(b, half, half)),
+        );
         self.trilinear::<M, false>(side.start(self.face_step), u, v, rho2)
     }
 
     /// Trilinear look-up in the face that starts at `base`, at `u`, `v` in 0..=1.
     #[inline(always)]
     #[expect(clippy::cast_possible_wrap, reason = "at most 15 levels")]
-    fn trilinear<M: Machine, const REPEAT: bool>(&self, base: M::I, u: M::F, v: M::F, rho2: M::F) -> [M::F; 4] {
+    fn trilinear<M: Machine, const REPEAT: bool>(
+        &self,
+        base: M::I,
+        u: M::F,
+        v: M::F,
+        rho2: M::F,
+    ) -> [M::F; 4] {
         let size = (M::int(self.width as i32), M::int(self.height as i32));
         let one = M::float(1.0);
         if !M::any_above(rho2, one) {
@@ -263,22 +321,42 @@ impl Texture {
         }
         // Level zero for everything magnified; NaN has been turned into it as well.
         let last = M::int(self.levels as i32 - 1);
-        let lod = M::min(M::mul(M::float(0.5), log2::<M>(M::max(rho2, one))), M::from_int(last));
+        let lod = M::min(
+            M::mul(M::float(0.5), log2::<M>(M::max(rho2, one))),
+            M::from_int(last),
+        );
         let fine = M::truncate(lod);
         let weight = M::truncate(M::mul(M::sub(lod, M::from_int(fine)), M::float(256.0)));
         let coarse = M::smaller(M::plus(fine, M::int(1)), last);
         let near = self.at_level::<M, REPEAT>(base, fine, u, v);
-        near.blended(self.at_level::<M, REPEAT>(base, coarse, u, v), weight).channels()
+        near.blended(self.at_level::<M, REPEAT>(base, coarse, u, v), weight)
+            .channels()
     }
 
     /// Bilinear look-up in one level for each lane, of the face that starts at `base`.
     #[inline(always)]
-    #[expect(clippy::cast_possible_wrap, clippy::cast_sign_loss, reason = "sizes and levels are small")]
-    fn at_level<M: Machine, const REPEAT: bool>(&self, base: M::I, level: M::I, u: M::F, v: M::F) -> Texels<M> {
+    #[expect(
+        clippy::cast_possible_wrap,
+        clippy::cast_sign_loss,
+        reason = "sizes and levels are small"
+    )]
+    fn at_level<M: Machine, const REPEAT: bool>(
+        &self,
+        base: M::I,
+        level: M::I,
+        u: M::F,
+        v: M::F,
+    ) -> Texels<M> {
         // Neighbouring samples mostly agree on the level, and then its numbers need no look-up.
         if let Some(level) = M::common(level) {
-            let start = M::plus(base, M::int(self.starts[level as usize % MOST_LEVELS] as i32));
-            let size = ((self.width >> level).max(1) as i32, (self.height >> level).max(1) as i32);
+            let start = M::plus(
+                base,
+                M::int(self.starts[level as usize % MOST_LEVELS] as i32),
+            );
+            let size = (
+                (self.width >> level).max(1) as i32,
+                (self.height >> level).max(1) as i32,
+            );
             return self.bilinear::<M, REPEAT>(start, (M::int(size.0), M::int(size.1)), u, v);
         }
         let start = M::plus(base, M::look_up(&self.starts, level));
@@ -289,7 +367,13 @@ impl Texture {
 
     /// Bilinear look-up in the picture of size `(w, h)` that starts at `start`.
     #[inline(always)]
-    fn bilinear<M: Machine, const REPEAT: bool>(&self, start: M::I, (w, h): (M::I, M::I), u: M::F, v: M::F) -> Texels<M> {
+    fn bilinear<M: Machine, const REPEAT: bool>(
+        &self,
+        start: M::I,
+        (w, h): (M::I, M::I),
+        u: M::F,
+        v: M::F,
+    ) -> Texels<M> {
         let (x0, x1, wx) = neighbours::<M, REPEAT>(u, w);
         let (y0, y1, wy) = neighbours::<M, REPEAT>(v, h);
         let top = M::plus(start, M::times_small(y0, w));
@@ -326,15 +410,27 @@ impl<M: Machine> Side<M> {
         let is_x = M::without(M::or(M::above(y, x), M::above(z, x)), M::int(-1));
         let is_y = M::without(M::or(is_x, M::above(z, y)), M::int(-1));
         let along = M::choose(is_x, d[0], M::choose(is_y, d[1], d[2]));
-        Self { is_x, is_y, sign: M::and(M::bits(along), sign_bit) }
+        Self {
+            is_x,
+            is_y,
+            sign: M::and(M::bits(along), sign_bit),
+        }
     }
 
     /// The components of a direction that are s, t and depth on this side.
     #[inline(always)]
     fn pick(&self, d: [M::F; 3]) -> (M::F, M::F, M::F) {
         let minus = M::xor(self.sign, M::int(i32::MIN));
-        let s = M::choose(self.is_x, flipped::<M>(d[2], minus), M::choose(self.is_y, d[0], flipped::<M>(d[0], self.sign)));
-        let t = M::choose(self.is_y, flipped::<M>(d[2], self.sign), flipped::<M>(d[1], M::int(i32::MIN)));
+        let s = M::choose(
+            self.is_x,
+            flipped::<M>(d[2], minus),
+            M::choose(self.is_y, d[0], flipped::<M>(d[0], self.sign)),
+        );
+        let t = M::choose(
+            self.is_y,
+            flipped::<M>(d[2], self.sign),
+            flipped::<M>(d[1], M::int(i32::MIN)),
+        );
         let along = M::choose(self.is_x, d[0], M::choose(self.is_y, d[1], d[2]));
         (s, t, flipped::<M>(along, self.sign))
     }
@@ -353,8 +449,17 @@ impl<M: Machine> Side<M> {
     #[expect(clippy::cast_possible_wrap, reason = "textures are shorter than 2^31")]
     fn start(&self, step: u32) -> M::I {
         let step = step as i32;
-        let from_axis = M::without(self.is_x, M::or(M::and(self.is_y, M::int(2 * step)), M::without(self.is_y, M::int(4 * step))));
-        M::plus(from_axis, M::and(M::right_signed(self.sign, 31), M::int(step)))
+        let from_axis = M::without(
+            self.is_x,
+            M::or(
+                M::and(self.is_y, M::int(2 * step)),
+                M::without(self.is_y, M::int(4 * step)),
+            ),
+        );
+        M::plus(
+            from_axis,
+            M::and(M::right_signed(self.sign, 31), M::int(step)),
+        )
     }
 }
 

@@ -5,7 +5,7 @@
 
 use crate::error::{Error, Result};
 use crate::math::{V3, normalize, sub};
-use crate::scene::Scene;
+use crate::prepare::Scene;
 
 /// A camera in the world, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -87,12 +87,20 @@ pub(crate) struct Projection {
 }
 
 fn cross64(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
 }
 
 fn unit64(a: [f64; 3]) -> [f64; 3] {
     let length = (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sqrt();
-    if length < 1e-10 { [0.0, 0.0, 1.0] } else { a.map(|x| x / length) }
+    if length < 1e-10 {
+        [0.0, 0.0, 1.0]
+    } else {
+        a.map(|x| x / length)
+    }
 }
 
 pub(crate) fn dot64(a: [f64; 3], b: [f64; 3]) -> f64 {
@@ -100,7 +108,11 @@ pub(crate) fn dot64(a: [f64; 3], b: [f64; 3]) -> f64 {
 }
 
 impl Projection {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_precision_loss, reason = "the picture is drawn in f32")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_precision_loss,
+        reason = "the picture is drawn in f32"
+    )]
     fn new(camera: &Camera, height: usize, width: usize) -> Self {
         let forward = unit64(camera.forward);
         let right = unit64(cross64(forward, camera.up));
@@ -111,7 +123,12 @@ impl Projection {
         let (rows, constant, depth_row, depth_range) = match camera.lens {
             Lens::Angle { .. } | Lens::Frustum { .. } => {
                 let (b, t, l, r) = match camera.lens {
-                    Lens::Frustum { bottom, top, left, right } => (-bottom, top, -left, right),
+                    Lens::Frustum {
+                        bottom,
+                        top,
+                        left,
+                        right,
+                    } => (-bottom, top, -left, right),
                     Lens::Angle { fovy } => {
                         let t = libm::tan(0.5 * fovy.to_radians());
                         (-t, t, -t * aspect, t * aspect)
@@ -120,20 +137,37 @@ impl Projection {
                 };
                 let x = combine(2.0 * w / (r - l), right, -w * (r + l) / (r - l));
                 let y = combine(2.0 * h / (t - b), up, -h * (t + b) / (t - b));
-                ([x, y, forward], [0.0; 3], None, (1.0 / camera.far, 1.0 / camera.near))
+                (
+                    [x, y, forward],
+                    [0.0; 3],
+                    None,
+                    (1.0 / camera.far, 1.0 / camera.near),
+                )
             }
             Lens::Parallel { height } => {
                 let k = 2.0 * h / height;
                 let range = (-camera.far, -camera.near);
-                ([right.map(|v| k * v), up.map(|v| k * v), [0.0; 3]], [0.0, 0.0, 1.0], Some(forward.map(|v| -v)), range)
+                (
+                    [right.map(|v| k * v), up.map(|v| k * v), [0.0; 3]],
+                    [0.0, 0.0, 1.0],
+                    Some(forward.map(|v| -v)),
+                    range,
+                )
             }
         };
-        let near = if depth_row.is_none() { camera.near } else { 0.0 };
+        let near = if depth_row.is_none() {
+            camera.near
+        } else {
+            0.0
+        };
         // Inside means |X| <= w W and |Y| <= h W, and a distance between near and far.
         let side = |axis: usize, sign: f64, reach: f64| {
             let normal = [0, 1, 2].map(|i| sign * rows[axis][i] + reach * rows[2][i]);
             let length = dot64(normal, normal).sqrt();
-            (normal.map(|v| v / length), (sign * constant[axis] + reach * constant[2]) / length)
+            (
+                normal.map(|v| v / length),
+                (sign * constant[axis] + reach * constant[2]) / length,
+            )
         };
         let sides = [
             side(0, 1.0, w),
@@ -144,35 +178,66 @@ impl Projection {
             (forward.map(|v| -v), f64::from(camera.far)),
         ];
         let forward = forward.map(|v| v as f32);
-        Self { rows, constant, depth_row, origin: camera.position, depth_range, near, forward, sides }
+        Self {
+            rows,
+            constant,
+            depth_row,
+            origin: camera.position,
+            depth_range,
+            near,
+            forward,
+            sides,
+        }
     }
 
     /// Map from a solid's unit frame to the picture: matrix, constant, and the row of Z with its constant.
-    #[expect(clippy::cast_possible_truncation, reason = "the picture is drawn in f32")]
-    pub(crate) fn of_part(&self, position: [f64; 3], r: &[f64; 9], scale: V3) -> ([f32; 9], V3, [f32; 4]) {
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "the picture is drawn in f32"
+    )]
+    pub(crate) fn of_part(
+        &self,
+        position: [f64; 3],
+        r: &[f64; 9],
+        scale: V3,
+    ) -> ([f32; 9], V3, [f32; 4]) {
         let from_camera = [0, 1, 2].map(|k| position[k] - self.origin[k]);
         let through = |row: &[f64; 3]| {
-            [0, 1, 2].map(|k| ((row[0] * r[k] + row[1] * r[3 + k] + row[2] * r[6 + k]) * f64::from(scale[k])) as f32)
+            [0, 1, 2].map(|k| {
+                ((row[0] * r[k] + row[1] * r[3 + k] + row[2] * r[6 + k]) * f64::from(scale[k]))
+                    as f32
+            })
         };
         let [a, b, c] = [0, 1, 2].map(|i| through(&self.rows[i]));
-        let constant = [0, 1, 2].map(|i| (dot64(self.rows[i], from_camera) + self.constant[i]) as f32);
+        let constant =
+            [0, 1, 2].map(|i| (dot64(self.rows[i], from_camera) + self.constant[i]) as f32);
         let depth = self.depth_row.map_or([0.0, 0.0, 0.0, 1.0], |row| {
             let v = through(&row);
             [v[0], v[1], v[2], dot64(row, from_camera) as f32]
         });
-        ([a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]], constant, depth)
+        (
+            [a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]],
+            constant,
+            depth,
+        )
     }
 
     /// Whether a ball can touch the picture.
     pub(crate) fn may_see(&self, position: [f64; 3], radius: f32) -> bool {
         let from_camera = [0, 1, 2].map(|k| position[k] - self.origin[k]);
         let reach = f64::from(radius);
-        self.sides.iter().all(|(normal, constant)| dot64(*normal, from_camera) + constant >= -reach)
+        self.sides
+            .iter()
+            .all(|(normal, constant)| dot64(*normal, from_camera) + constant >= -reach)
     }
 
     /// Distance along the gaze from a value of the depth buffer.
     pub(crate) fn distance(&self, depth: f32) -> f32 {
-        if self.depth_row.is_some() { -depth } else { 1.0 / depth }
+        if self.depth_row.is_some() {
+            -depth
+        } else {
+            1.0 / depth
+        }
     }
 }
 
@@ -205,9 +270,19 @@ impl View {
     #[must_use]
     pub fn new(scene: &Scene, camera: Camera) -> Self {
         let rotation = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
-        let light = LightPose { is_on: true, position: [0.0; 3], direction: [0.0, 0.0, -1.0] };
+        let light = LightPose {
+            is_on: true,
+            position: [0.0; 3],
+            direction: [0.0, 0.0, -1.0],
+        };
         Self {
-            poses: vec![Pose { position: [0.0; 3], rotation }; scene.geom_count()],
+            poses: vec![
+                Pose {
+                    position: [0.0; 3],
+                    rotation
+                };
+                scene.geom_count()
+            ],
             is_visible: vec![true; scene.geom_count()],
             lights: vec![light; scene.light_count()],
             camera,
@@ -223,19 +298,37 @@ impl View {
         let n = positions.len() / 3;
         let expected = self.poses.len().saturating_sub(first);
         if n > expected || positions.len() != 3 * n {
-            return Err(Error::Length { what: "geom positions", expected: 3 * expected, got: positions.len() });
+            return Err(Error::Length {
+                what: "geom positions",
+                expected: 3 * expected,
+                got: positions.len(),
+            });
         }
         if rotations.len() != 9 * n {
-            return Err(Error::Length { what: "geom rotations", expected: 9 * n, got: rotations.len() });
+            return Err(Error::Length {
+                what: "geom rotations",
+                expected: 9 * n,
+                got: rotations.len(),
+            });
         }
         // A product with 0 is 0 for finite numbers only, and adding up needs no branch per number.
-        let broken = positions.iter().chain(rotations).map(|x| x * 0.0).sum::<f64>();
+        let broken = positions
+            .iter()
+            .chain(rotations)
+            .map(|x| x * 0.0)
+            .sum::<f64>();
         if broken != 0.0 {
             let is_bad = |i: &usize| {
-                !(positions[3 * i..3 * i + 3].iter().chain(&rotations[9 * i..9 * i + 9])).all(|x| x.is_finite())
+                !(positions[3 * i..3 * i + 3]
+                    .iter()
+                    .chain(&rotations[9 * i..9 * i + 9]))
+                .all(|x| x.is_finite())
             };
             let index = first + (0..n).find(is_bad).unwrap_or(0);
-            return Err(Error::NotFinite { what: "pose of geom", index });
+            return Err(Error::NotFinite {
+                what: "pose of geom",
+                index,
+            });
         }
         for (i, pose) in self.poses[first..first + n].iter_mut().enumerate() {
             pose.position.copy_from_slice(&positions[3 * i..3 * i + 3]);
@@ -251,7 +344,11 @@ impl View {
     pub fn set_visible(&mut self, is_visible: &[bool]) -> Result<()> {
         let expected = self.is_visible.len();
         if is_visible.len() != expected {
-            return Err(Error::Length { what: "visibility of geoms", expected, got: is_visible.len() });
+            return Err(Error::Length {
+                what: "visibility of geoms",
+                expected,
+                got: is_visible.len(),
+            });
         }
         self.is_visible.copy_from_slice(is_visible);
         Ok(())
@@ -262,14 +359,31 @@ impl View {
     /// # Errors
     /// [`Error::Index`] for a light that the scene lacks, [`Error::NotFinite`] for NaN; then nothing changes.
     #[expect(clippy::cast_possible_truncation, reason = "lighting is f32")]
-    pub fn set_light(&mut self, index: usize, is_on: bool, position: [f64; 3], direction: [f64; 3]) -> Result<()> {
+    pub fn set_light(
+        &mut self,
+        index: usize,
+        is_on: bool,
+        position: [f64; 3],
+        direction: [f64; 3],
+    ) -> Result<()> {
         let len = self.lights.len();
-        let light = self.lights.get_mut(index).ok_or(Error::Index { what: "light", index, len })?;
+        let light = self.lights.get_mut(index).ok_or(Error::Index {
+            what: "light",
+            index,
+            len,
+        })?;
         if !position.iter().chain(&direction).all(|x| x.is_finite()) {
-            return Err(Error::NotFinite { what: "pose of light", index });
+            return Err(Error::NotFinite {
+                what: "pose of light",
+                index,
+            });
         }
         let direction = direction.map(|x| x as f32);
-        *light = LightPose { is_on, position: position.map(|x| x as f32), direction };
+        *light = LightPose {
+            is_on,
+            position: position.map(|x| x as f32),
+            direction,
+        };
         Ok(())
     }
 
@@ -281,21 +395,47 @@ impl View {
         let ends = [f64::from(camera.near), f64::from(camera.far)];
         let lens = match camera.lens {
             Lens::Angle { fovy } => [fovy, 1.0, 1.0, 1.0],
-            Lens::Frustum { bottom, top, left, right } => [bottom, top, left, right],
+            Lens::Frustum {
+                bottom,
+                top,
+                left,
+                right,
+            } => [bottom, top, left, right],
             Lens::Parallel { height } => [height, 1.0, 1.0, 1.0],
         };
-        let mut numbers = camera.position.iter().chain(&camera.forward).chain(&camera.up).chain(&ends).chain(&lens);
+        let mut numbers = camera
+            .position
+            .iter()
+            .chain(&camera.forward)
+            .chain(&camera.up)
+            .chain(&ends)
+            .chain(&lens);
         if !numbers.all(|x| x.is_finite()) {
-            return Err(Error::NotFinite { what: "camera", index: 0 });
+            return Err(Error::NotFinite {
+                what: "camera",
+                index: 0,
+            });
         }
         let is_open = match camera.lens {
             Lens::Angle { fovy } => fovy > 0.0 && fovy < 180.0,
-            Lens::Frustum { bottom, top, left, right } => top + bottom > 0.0 && left + right > 0.0,
+            Lens::Frustum {
+                bottom,
+                top,
+                left,
+                right,
+            } => top + bottom > 0.0 && left + right > 0.0,
             Lens::Parallel { height } => height > 0.0,
         };
         if !is_open || camera.near <= 0.0 || camera.far <= camera.near {
-            let got = format!("{:?}, near {}, far {}", camera.lens, camera.near, camera.far);
-            return Err(Error::Range { what: "camera", expected: "an open lens and 0 < near < far", got });
+            let got = format!(
+                "{:?}, near {}, far {}",
+                camera.lens, camera.near, camera.far
+            );
+            return Err(Error::Range {
+                what: "camera",
+                expected: "an open lens and 0 < near < far",
+                got,
+            });
         }
         self.camera = camera;
         Ok(())
@@ -314,5 +454,9 @@ impl View {
 
 /// Gaze towards a light, for headlights; kept here so that every light is placed in one way.
 pub(crate) fn light_at_camera(eye: V3, forward: V3) -> LightPose {
-    LightPose { is_on: true, position: eye, direction: normalize(sub(forward, [0.0; 3])) }
+    LightPose {
+        is_on: true,
+        position: eye,
+        direction: normalize(sub(forward, [0.0; 3])),
+    }
 }
