@@ -1,8 +1,8 @@
 """Frames per second of `RasterRenderer` beside `mujoco.Renderer`, by scene and size.
 
 Both draw the same states with shadows and reflections off, in turns, in one process and one thread; the
-pictures are compared before anything is timed. Run with `python benchmarks/bench_raster.py [--json FILE] [--quick]`;
-OpenGL is EGL unless MUJOCO_GL says otherwise.
+pictures are compared before anything is timed. OpenGL is EGL unless MUJOCO_GL says otherwise. Run with
+`python benchmarks/bench_raster.py [--json FILE] [--quick]`.
 """
 
 from __future__ import annotations
