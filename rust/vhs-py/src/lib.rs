@@ -10,6 +10,7 @@ mod episodes;
 mod error;
 mod goals;
 mod prototypes;
+mod raster;
 mod relabel;
 mod returns;
 mod rng;
@@ -25,6 +26,8 @@ mod _core {
     use crate::goals::GoalStore;
     #[pymodule_export]
     use crate::prototypes::Prototypes;
+    #[pymodule_export]
+    use crate::raster::{RasterCanvas, RasterScene};
     #[pymodule_export]
     use crate::relabel::{Hindsight, relabel};
     #[pymodule_export]

@@ -1,0 +1,510 @@
+//! `vhs._core.RasterCanvas`: the software renderer for Python.
+//!
+//! Borrow, check, call, map errors. A canvas keeps handles to the arrays of the simulation it draws, so that a frame
+//! costs one call; drawing happens without the interpreter lock.
+
+#![allow(
+    clippy::needless_pass_by_value,
+    reason = "PyO3 hands arguments over by value"
+)]
+#![allow(clippy::doc_markdown, reason = "MuJoCo is a name, not code")]
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use numpy::{
+    PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyReadwriteArrayDyn,
+    PyUntypedArrayMethods,
+};
+use pyo3::exceptions::{PyNotImplementedError, PyValueError};
+use pyo3::prelude::*;
+use vhs_raster as raster;
+use vhs_raster::{
+    Antialias, Camera, Canvas, Geom, Haze, Layout, Lens, Light, LightKind, MeshData, Scene,
+    SceneSpec, Shape, Surface, Tessellation, Texture, TextureKind, TextureUse, View,
+};
+
+fn to_py(error: raster::Error) -> PyErr {
+    match error {
+        raster::Error::Unsupported { .. } => PyNotImplementedError::new_err(error.to_string()),
+        _ => PyValueError::new_err(error.to_string()),
+    }
+}
+
+/// Rows of `N` numbers from an array whose last axis has that length.
+fn rows<T: numpy::Element + Copy, const N: usize>(
+    array: &PyReadonlyArray2<'_, T>,
+) -> PyResult<Vec<[T; N]>> {
+    let (rows, rest) = array.as_slice()?.as_chunks::<N>();
+    if array.shape()[1] != N || !rest.is_empty() {
+        let found = array.shape();
+        return Err(PyValueError::new_err(format!(
+            "expected an array of shape (n, {N}), got {found:?}"
+        )));
+    }
+    Ok(rows.to_vec())
+}
+
+/// Indices as MuJoCo stores them: i32, never negative here.
+fn indices(array: &PyReadonlyArray2<'_, i32>) -> PyResult<Vec<[u32; 3]>> {
+    let corners = rows::<i32, 3>(array)?;
+    let is_valid = corners.iter().flatten().all(|&i| i >= 0);
+    if !is_valid {
+        return Err(PyValueError::new_err(
+            "expected indices of at least 0, got a negative one",
+        ));
+    }
+    Ok(corners.iter().map(|c| c.map(i32::cast_unsigned)).collect())
+}
+
+/// `None` for -1, the index otherwise.
+fn optional(index: i32) -> Option<usize> {
+    usize::try_from(index).ok()
+}
+
+/// A scene while it is being collected, then ready to be drawn.
+#[pyclass(module = "vhs._core", frozen)]
+pub struct RasterScene {
+    spec: Mutex<SceneSpec>,
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    // A panic while drawing leaves stale pixels, which the next frame overwrites.
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[pymethods]
+impl RasterScene {
+    #[new]
+    fn new(slices: usize, stacks: usize, quads: usize, far: f64) -> Self {
+        let tessellation = Tessellation {
+            slices,
+            stacks,
+            quads,
+        };
+        Self {
+            spec: Mutex::new(SceneSpec {
+                tessellation,
+                far,
+                ..SceneSpec::default()
+            }),
+        }
+    }
+
+    /// Adds a texture of shape [height, width, channels] and returns its number.
+    fn add_texture(&self, is_cube: bool, data: PyReadonlyArrayDyn<'_, u8>) -> PyResult<usize> {
+        let &[height, width, channels] = data.shape() else {
+            return Err(PyValueError::new_err(format!(
+                "texture: expected 3 axes, got {:?}",
+                data.shape()
+            )));
+        };
+        let kind = if is_cube {
+            TextureKind::Cube
+        } else {
+            TextureKind::Flat
+        };
+        let texture =
+            Texture::new(kind, width, height, channels, data.as_slice()?).map_err(to_py)?;
+        let mut spec = lock(&self.spec);
+        spec.textures.push(texture);
+        Ok(spec.textures.len() - 1)
+    }
+
+    /// Adds a mesh and returns its number; `uv` and `face_uv` are empty for a mesh without texture coordinates.
+    fn add_mesh(
+        &self,
+        vertices: PyReadonlyArray2<'_, f32>,
+        normals: PyReadonlyArray2<'_, f32>,
+        uv: PyReadonlyArray2<'_, f32>,
+        faces: PyReadonlyArray2<'_, i32>,
+        face_normals: PyReadonlyArray2<'_, i32>,
+        face_uv: PyReadonlyArray2<'_, i32>,
+    ) -> PyResult<usize> {
+        let mesh = MeshData {
+            vertices: rows(&vertices)?,
+            normals: rows(&normals)?,
+            uv: rows(&uv)?,
+            faces: indices(&faces)?,
+            face_normals: indices(&face_normals)?,
+            face_uv: indices(&face_uv)?,
+        };
+        let mut spec = lock(&self.spec);
+        spec.meshes.push(mesh);
+        Ok(spec.meshes.len() - 1)
+    }
+
+    /// Adds a geom: its MuJoCo type, sizes, mesh (or -1), surface, texture (or -1) and segmentation tag.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "one keyword a field, called from one place"
+    )]
+    #[pyo3(signature = (*, kind, size, mesh, rgba, gloss, is_mirror, texture, repeat, is_uniform, tag))]
+    fn add_geom(
+        &self,
+        kind: i32,
+        size: [f64; 3],
+        mesh: i32,
+        rgba: [f32; 4],
+        gloss: [f32; 3],
+        is_mirror: bool,
+        texture: i32,
+        repeat: [f32; 2],
+        is_uniform: bool,
+        tag: [i32; 2],
+    ) -> PyResult<()> {
+        let texture = optional(texture).map(|texture| TextureUse {
+            texture,
+            repeat,
+            uniform: is_uniform,
+        });
+        let [emission, specular, shininess] = gloss;
+        let surface = Surface {
+            rgba,
+            emission,
+            specular,
+            shininess,
+            is_mirror,
+            texture,
+        };
+        lock(&self.spec).geoms.push(Geom {
+            shape: shape_of(kind, size, mesh)?,
+            surface,
+            tag,
+        });
+        Ok(())
+    }
+
+    /// Adds a light; `spot` holds attenuation (3), exponent and cutoff in degrees, or is empty.
+    fn add_light(&self, colours: [[f32; 3]; 3], spot: Option<[f32; 5]>, is_headlight: bool) {
+        let [ambient, diffuse, specular] = colours;
+        let kind = spot.map_or(LightKind::Directional, |s| LightKind::Spot {
+            attenuation: [s[0], s[1], s[2]],
+            exponent: s[3],
+            cutoff: s[4],
+        });
+        lock(&self.spec).lights.push(Light {
+            kind,
+            ambient,
+            diffuse,
+            specular,
+            is_headlight,
+        });
+    }
+
+    /// Sets the sky's texture and the haze over the horizon.
+    fn set_sky(&self, texture: usize, haze_rgb: [f32; 3], haze_proportion: f32) {
+        let mut spec = lock(&self.spec);
+        spec.sky = Some(texture);
+        spec.haze = Some(Haze {
+            rgb: haze_rgb,
+            proportion: haze_proportion,
+        });
+    }
+}
+
+/// Shape from MuJoCo's type number (`mjtGeom`) and sizes.
+#[expect(clippy::cast_possible_truncation, reason = "pictures are drawn in f32")]
+fn shape_of(kind: i32, size: [f64; 3], mesh: i32) -> PyResult<Shape> {
+    let small = size.map(|x| x as f32);
+    let [radius, half_length, _] = small;
+    Ok(match (kind, optional(mesh)) {
+        (0, _) => Shape::Plane {
+            half_size: [size[0].max(0.0), size[1].max(0.0)],
+            spacing: size[2],
+        },
+        (2, _) => Shape::Sphere { radius },
+        (3, _) => Shape::Capsule {
+            radius,
+            half_length,
+        },
+        (4, _) => Shape::Ellipsoid { radii: small },
+        (5, _) => Shape::Cylinder {
+            radius,
+            half_length,
+        },
+        (6, _) => Shape::Box { half_size: small },
+        (7 | 8, Some(mesh)) => Shape::Mesh {
+            mesh,
+            half_size: small,
+        },
+        _ => {
+            return Err(PyNotImplementedError::new_err(format!(
+                "not drawn by this renderer: geom type {kind}"
+            )));
+        }
+    })
+}
+
+type Handle = Py<numpy::PyArrayDyn<f64>>;
+
+/// Arrays of one simulation, read at every frame.
+struct Feed {
+    geom_xpos: Handle,
+    geom_xmat: Handle,
+    site_xpos: Handle,
+    site_xmat: Handle,
+    light_xpos: Handle,
+    light_xdir: Handle,
+    cam_xpos: Handle,
+    cam_xmat: Handle,
+}
+
+/// What one frame needs besides the scene.
+struct State {
+    view: View,
+    canvas: Canvas,
+    feed: Option<Feed>,
+    /// For each light of the scene, which light of the simulation it is; `None` for the headlight.
+    lights: Vec<Option<usize>>,
+}
+
+/// A picture of fixed size that draws one scene.
+#[pyclass(module = "vhs._core", frozen)]
+pub struct RasterCanvas {
+    scene: Scene,
+    geoms: usize,
+    state: Mutex<State>,
+}
+
+/// Where a camera is: position, gaze and up vector.
+type Gaze = [[f64; 3]; 3];
+
+#[pymethods]
+impl RasterCanvas {
+    /// `geoms`: how many of the scene's geoms are geoms, the rest are sites. `lights`: for each light of the scene
+    /// its number in the simulation, -1 for the headlight. `antialias`: 0 off, 1 multisample, 2 supersample.
+    #[new]
+    fn new(
+        scene: &RasterScene,
+        geoms: usize,
+        lights: Vec<i32>,
+        height: usize,
+        width: usize,
+        antialias: u8,
+    ) -> PyResult<Self> {
+        let scene = Scene::new(lock(&scene.spec).clone()).map_err(to_py)?;
+        let antialias = match antialias {
+            0 => Antialias::Off,
+            1 => Antialias::Multisample,
+            _ => Antialias::Supersample,
+        };
+        let canvas = Canvas::new(height, width, antialias).map_err(to_py)?;
+        let camera = Camera {
+            position: [0.0; 3],
+            forward: [1.0, 0.0, 0.0],
+            up: [0.0, 0.0, 1.0],
+            lens: Lens::Angle { fovy: 45.0 },
+            near: 0.01,
+            far: 100.0,
+        };
+        let view = View::new(&scene, camera);
+        let lights = lights.into_iter().map(optional).collect();
+        Ok(Self {
+            scene,
+            geoms,
+            state: Mutex::new(State {
+                view,
+                canvas,
+                feed: None,
+                lights,
+            }),
+        })
+    }
+
+    /// Remembers the arrays of a simulation; later updates read them.
+    #[allow(
+        clippy::too_many_arguments,
+        reason = "one array a field, called from one place"
+    )]
+    fn bind(
+        &self,
+        geom_xpos: Handle,
+        geom_xmat: Handle,
+        site_xpos: Handle,
+        site_xmat: Handle,
+        light_xpos: Handle,
+        light_xdir: Handle,
+        cam_xpos: Handle,
+        cam_xmat: Handle,
+    ) {
+        let feed = Feed {
+            geom_xpos,
+            geom_xmat,
+            site_xpos,
+            site_xmat,
+            light_xpos,
+            light_xdir,
+            cam_xpos,
+            cam_xmat,
+        };
+        lock(&self.state).feed = Some(feed);
+    }
+
+    /// Says which geoms, sites included, are drawn.
+    fn set_visible(&self, is_visible: PyReadonlyArray1<'_, bool>) -> PyResult<()> {
+        lock(&self.state)
+            .view
+            .set_visible(is_visible.as_slice()?)
+            .map_err(to_py)
+    }
+
+    /// Reads poses from the bound arrays. `fixed` is the number of a fixed camera; otherwise `gaze` says where the
+    /// camera is. `lens`: (fovy,), (bottom, top, left, right) or (height, 0) for a parallel projection.
+    #[pyo3(signature = (fixed, gaze, lens, near, far))]
+    fn update(
+        &self,
+        py: Python<'_>,
+        fixed: i64,
+        gaze: Option<Gaze>,
+        lens: Vec<f64>,
+        near: f32,
+        far: f32,
+    ) -> PyResult<()> {
+        let mut state = lock(&self.state);
+        let state = &mut *state;
+        let feed = state
+            .feed
+            .as_ref()
+            .ok_or_else(|| PyValueError::new_err("no simulation is bound"))?;
+        let view = &mut state.view;
+        feed.read_poses(py, view, self.geoms)?;
+        feed.read_lights(py, view, &state.lights)?;
+        let [position, forward, up] = match gaze {
+            Some(gaze) => gaze,
+            None => feed.gaze_of(py, fixed)?,
+        };
+        let lens = match lens[..] {
+            [fovy] => Lens::Angle { fovy },
+            [height, _] => Lens::Parallel { height },
+            [bottom, top, left, right] => Lens::Frustum {
+                bottom,
+                top,
+                left,
+                right,
+            },
+            _ => return Err(PyValueError::new_err("lens: expected 1, 2 or 4 numbers")),
+        };
+        view.set_camera(Camera {
+            position,
+            forward,
+            up,
+            lens,
+            near,
+            far,
+        })
+        .map_err(to_py)
+    }
+
+    /// Draws colours into `out`, uint8 [height, width, 3], or [3, height, width] if `is_planar`.
+    fn draw(
+        &self,
+        py: Python<'_>,
+        mut out: PyReadwriteArrayDyn<'_, u8>,
+        is_planar: bool,
+    ) -> PyResult<()> {
+        let out = out.as_slice_mut()?;
+        let layout = if is_planar {
+            Layout::Planar
+        } else {
+            Layout::Interleaved
+        };
+        py.detach(|| {
+            let mut state = lock(&self.state);
+            let State { view, canvas, .. } = &mut *state;
+            canvas.draw(&self.scene, view, layout, out)
+        })
+        .map_err(to_py)
+    }
+
+    /// Draws distances in metres into `out`, float32 [height, width].
+    fn draw_depth(&self, py: Python<'_>, mut out: PyReadwriteArrayDyn<'_, f32>) -> PyResult<()> {
+        let out = out.as_slice_mut()?;
+        py.detach(|| {
+            let mut state = lock(&self.state);
+            let State { view, canvas, .. } = &mut *state;
+            canvas.draw_depth(&self.scene, view, out)
+        })
+        .map_err(to_py)
+    }
+
+    /// Draws object number and type into `out`, int32 [height, width, 2].
+    fn draw_tags(&self, py: Python<'_>, mut out: PyReadwriteArrayDyn<'_, i32>) -> PyResult<()> {
+        let out = out.as_slice_mut()?;
+        py.detach(|| {
+            let mut state = lock(&self.state);
+            let State { view, canvas, .. } = &mut *state;
+            canvas.draw_tags(&self.scene, view, out)
+        })
+        .map_err(to_py)
+    }
+
+    /// Position, gaze and up vector of a camera that circles a point; angles in degrees.
+    #[staticmethod]
+    fn orbit(look_at: [f64; 3], distance: f64, azimuth: f64, elevation: f64) -> Gaze {
+        Camera::orbit(look_at, distance, azimuth, elevation)
+    }
+}
+
+impl Feed {
+    fn read_poses(&self, py: Python<'_>, view: &mut View, geoms: usize) -> PyResult<()> {
+        let (position, rotation) = (
+            self.geom_xpos.bind(py).readonly(),
+            self.geom_xmat.bind(py).readonly(),
+        );
+        view.set_poses(0, position.as_slice()?, rotation.as_slice()?)
+            .map_err(to_py)?;
+        let (position, rotation) = (
+            self.site_xpos.bind(py).readonly(),
+            self.site_xmat.bind(py).readonly(),
+        );
+        view.set_poses(geoms, position.as_slice()?, rotation.as_slice()?)
+            .map_err(to_py)
+    }
+
+    fn read_lights(
+        &self,
+        py: Python<'_>,
+        view: &mut View,
+        lights: &[Option<usize>],
+    ) -> PyResult<()> {
+        let (position, direction) = (
+            self.light_xpos.bind(py).readonly(),
+            self.light_xdir.bind(py).readonly(),
+        );
+        let (position, direction) = (position.as_slice()?, direction.as_slice()?);
+        for (index, light) in lights.iter().enumerate() {
+            if let Some(light) = light {
+                let (at, towards) = (three(position, *light)?, three(direction, *light)?);
+                view.set_light(index, true, at, towards).map_err(to_py)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn gaze_of(&self, py: Python<'_>, camera: i64) -> PyResult<Gaze> {
+        let camera =
+            usize::try_from(camera).map_err(|_| PyValueError::new_err("no camera is given"))?;
+        let (position, rotation) = (
+            self.cam_xpos.bind(py).readonly(),
+            self.cam_xmat.bind(py).readonly(),
+        );
+        let position = three(position.as_slice()?, camera)?;
+        let rotation = rotation.as_slice()?;
+        let [x, y, z] = [
+            three(rotation, 3 * camera)?,
+            three(rotation, 3 * camera + 1)?,
+            three(rotation, 3 * camera + 2)?,
+        ];
+        Ok([position, [-x[2], -y[2], -z[2]], [x[1], y[1], z[1]]])
+    }
+}
+
+/// Row `index` of an array with three columns.
+fn three(values: &[f64], index: usize) -> PyResult<[f64; 3]> {
+    values
+        .as_chunks::<3>()
+        .0
+        .get(index)
+        .copied()
+        .ok_or_else(|| PyValueError::new_err("the simulation changed its size"))
+}

@@ -1,0 +1,148 @@
+//! Light on one vertex: OpenGL's fixed-function model (specification 4.6 compatibility profile, section 12.2.1)
+//! with a local viewer, one-sided, highlights added before the texture, as MuJoCo sets it up.
+
+use crate::math::{V3, add, dot, normalize, pow_unit, scale, sub, times};
+use crate::prepare::Scene;
+use crate::scene::{Light, LightKind, Surface};
+use crate::view::{LightPose, Projection, View, light_at_camera};
+
+/// OpenGL's fixed pipeline knows this many lights.
+const MOST_LIGHTS: usize = 8;
+
+/// Ambient light of a scene without any light.
+const DARK_AMBIENT: f32 = 0.3;
+
+/// A light that shines in this view.
+#[derive(Debug, Clone, Copy)]
+struct Lamp {
+    light: Light,
+    position: V3,
+    /// Direction of its rays, of length 1.
+    direction: V3,
+    /// Cosine of the half angle of its cone; below -1 when it shines all around.
+    cos_cutoff: f32,
+}
+
+/// All lights of a view.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Lamps {
+    lit: Vec<Lamp>,
+    eye: V3,
+    /// Light that is there without lamps.
+    ambient: f32,
+    /// Whether no lamp's effect depends on where a surface is, highlights apart.
+    is_parallel: bool,
+    /// Whether any lamp makes highlights.
+    has_highlights: bool,
+}
+
+impl Lamps {
+    /// Collects the lights of `view`, reusing memory.
+    pub(crate) fn update(&mut self, scene: &Scene, view: &View, projection: &Projection) {
+        self.eye = view.eye();
+        self.lit.clear();
+        for (light, pose) in scene.spec.lights.iter().zip(&view.lights) {
+            if pose.is_on && self.lit.len() < MOST_LIGHTS {
+                let pose = if light.is_headlight {
+                    light_at_camera(self.eye, projection.forward)
+                } else {
+                    *pose
+                };
+                self.lit.push(Lamp::new(*light, pose));
+            }
+        }
+        self.ambient = if self.lit.is_empty() {
+            DARK_AMBIENT
+        } else {
+            0.0
+        };
+        self.is_parallel = self
+            .lit
+            .iter()
+            .all(|l| l.light.kind == LightKind::Directional);
+        self.has_highlights = self.lit.iter().any(|l| l.light.specular != [0.0; 3]);
+    }
+
+    /// Whether every point of a flat face with this surface gets the same light.
+    pub(crate) fn is_even(&self, surface: &Surface) -> bool {
+        self.is_parallel && (!self.has_highlights || surface.specular == 0.0)
+    }
+
+    /// Colour of a vertex, each channel in 0..=1.
+    pub(crate) fn colour(&self, position: V3, normal: V3, surface: &Surface) -> V3 {
+        let base = [surface.rgba[0], surface.rgba[1], surface.rgba[2]];
+        let to_eye = normalize(sub(self.eye, position));
+        let mut sum = scale(base, surface.emission + self.ambient);
+        for lamp in &self.lit {
+            sum = add(sum, lamp.on(position, normal, to_eye, base, surface));
+        }
+        sum.map(|c| c.clamp(0.0, 1.0))
+    }
+}
+
+impl Lamp {
+    fn new(light: Light, pose: LightPose) -> Self {
+        let cos_cutoff = match light.kind {
+            LightKind::Spot { cutoff, .. } if cutoff < 180.0 => cosine_of_degrees(cutoff),
+            _ => -2.0,
+        };
+        Self {
+            light,
+            position: pose.position,
+            direction: normalize(pose.direction),
+            cos_cutoff,
+        }
+    }
+
+    fn on(&self, position: V3, normal: V3, to_eye: V3, base: V3, surface: &Surface) -> V3 {
+        let (to_light, strength) = self.strength(position);
+        if strength == 0.0 {
+            return [0.0; 3];
+        }
+        let mut sum = times(self.light.ambient, base);
+        let facing = dot(normal, to_light);
+        if facing > 0.0 {
+            sum = add(sum, scale(times(self.light.diffuse, base), facing));
+            if surface.specular > 0.0 && self.light.specular != [0.0; 3] {
+                let halfway = normalize(add(to_light, to_eye));
+                let gloss = pow_unit(
+                    dot(normal, halfway).clamp(0.0, 1.0),
+                    128.0 * surface.shininess,
+                );
+                sum = add(sum, scale(self.light.specular, gloss * surface.specular));
+            }
+        }
+        scale(sum, strength)
+    }
+
+    /// Direction towards the light, and what share of it arrives.
+    fn strength(&self, position: V3) -> (V3, f32) {
+        let LightKind::Spot {
+            attenuation,
+            exponent,
+            ..
+        } = self.light.kind
+        else {
+            return (scale(self.direction, -1.0), 1.0);
+        };
+        let way = sub(self.position, position);
+        let distance = dot(way, way).sqrt();
+        let to_light = normalize(way);
+        let along = -dot(to_light, self.direction);
+        if along < self.cos_cutoff {
+            return (to_light, 0.0);
+        }
+        let fall = attenuation[0] + distance * (attenuation[1] + distance * attenuation[2]);
+        let cone = if self.cos_cutoff < -1.0 {
+            1.0
+        } else {
+            pow_unit(along.clamp(0.0, 1.0), exponent)
+        };
+        (to_light, cone / fall)
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "lighting is f32")]
+fn cosine_of_degrees(angle: f32) -> f32 {
+    libm::cos(f64::from(angle).to_radians()) as f32
+}

@@ -1,0 +1,508 @@
+//! Colours of visible samples: the second pass.
+//!
+//! Lighting is computed at the nodes of the tessellation and interpolated between them (Gouraud), because that is
+//! what MuJoCo's OpenGL renderer shows; a node is lit when the first visible sample asks for it. Textures are
+//! looked up for every sample, in perspective.
+
+use crate::cover::Drawn;
+use crate::lanes::{Kind, MOST_LANES, Machine, Plain};
+use crate::light::Lamps;
+use crate::math::{V3, add, mul3, normalize, scale, sub, times};
+use crate::paint::{Batch, Places, along, paint_cube, paint_flat, slope_of};
+use crate::prepare::{Mapping, Scene};
+use crate::scene::Surface;
+use crate::solid::{Face, Nodes, Solid};
+
+/// What a part of the frame is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Role {
+    /// A geom by number.
+    Geom(usize),
+    /// The sky around everything.
+    Sky,
+    /// The belt over the horizon.
+    Haze,
+}
+
+/// A part as it stands in this frame.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Placed {
+    pub(crate) role: Role,
+    /// Index into the scene's solids.
+    pub(crate) solid: usize,
+    pub(crate) scale: V3,
+    pub(crate) rotation: [f32; 9],
+    pub(crate) position: V3,
+    /// First of its nodes in the cache of lit colours.
+    pub(crate) first_node: u32,
+    /// Opacity: the geom's, or a plane's seen from behind.
+    pub(crate) alpha: f32,
+}
+
+/// Light on a face.
+#[derive(Debug, Clone, Copy)]
+enum Light {
+    /// The same everywhere.
+    Even(V3),
+    /// Affine between the three corners of a triangle: at its first, and what each side adds.
+    Corners([V3; 3]),
+    /// By the face's own nodes.
+    Nodes,
+}
+
+/// Texture on a face; each row times `(x, y, 1)` is a coordinate over W.
+#[derive(Debug, Clone, Copy)]
+enum Paint {
+    None,
+    /// Slopes of both coordinates along x and along y, see [`slope_of`].
+    Flat {
+        texture: usize,
+        rows: [V3; 2],
+        slopes: [[f32; 2]; 4],
+    },
+    Cube {
+        texture: usize,
+        rows: [V3; 3],
+    },
+    /// Haze: the coordinate is its opacity.
+    Opacity {
+        row: V3,
+    },
+}
+
+/// A visible face, prepared when its first sample is shaded.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Ready {
+    whole: V3,
+    along: [V3; 2],
+    light: Light,
+    paint: Paint,
+    part: u32,
+    face: u32,
+    alpha: f32,
+}
+
+/// Lit colours of nodes, valid for one frame.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct NodeCache {
+    colours: Vec<V3>,
+    frame_of: Vec<u32>,
+    frame: u32,
+}
+
+impl NodeCache {
+    /// Forgets all colours.
+    pub(crate) fn start_frame(&mut self) {
+        self.frame = self.frame.wrapping_add(1);
+        if self.frame == 0 {
+            self.frame_of.fill(0);
+            self.frame = 1;
+        }
+    }
+
+    /// Makes room for `len` nodes.
+    pub(crate) fn reserve(&mut self, len: usize) {
+        if self.colours.len() < len {
+            self.colours.resize(len, [0.0; 3]);
+            self.frame_of.resize(len, 0);
+        }
+    }
+}
+
+/// Everything shading reads.
+pub(crate) struct Shader<'a> {
+    pub(crate) scene: &'a Scene,
+    pub(crate) lamps: &'a Lamps,
+    pub(crate) placed: &'a [Placed],
+    pub(crate) nodes: &'a mut NodeCache,
+}
+
+/// Colours of samples of one face as bytes, red in the low byte, and their opacity if it is wanted.
+///
+/// The length of `out` (and of all other slices) is a multiple of [`MOST_LANES`].
+pub(crate) fn shade_run(
+    kind: Kind,
+    shader: &mut Shader<'_>,
+    ready: &Ready,
+    places: Places<'_>,
+    out: &mut [u32],
+    opacity: Option<&mut Vec<f32>>,
+) {
+    match kind {
+        Kind::Plain => shader.run::<Plain>(ready, places, out, opacity),
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: `Kind::Avx2` is only made by `detect`, after it found AVX2.
+        Kind::Avx2 => unsafe { run_avx2(shader, ready, places, out, opacity) },
+        #[cfg(target_arch = "x86_64")]
+        // SAFETY: the same holds for AVX-512.
+        Kind::Avx512 => unsafe { run_avx512(shader, ready, places, out, opacity) },
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+fn run_avx2(
+    shader: &mut Shader<'_>,
+    ready: &Ready,
+    places: Places<'_>,
+    out: &mut [u32],
+    opacity: Option<&mut Vec<f32>>,
+) {
+    shader.run::<crate::lanes::Avx2>(ready, places, out, opacity);
+}
+
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx512f,avx512bw,avx512dq")]
+fn run_avx512(
+    shader: &mut Shader<'_>,
+    ready: &Ready,
+    places: Places<'_>,
+    out: &mut [u32],
+    opacity: Option<&mut Vec<f32>>,
+) {
+    shader.run::<crate::lanes::Avx512>(ready, places, out, opacity);
+}
+
+/// Colours of a batch: red, green, blue and opacity in 0..=1.
+type Colours<M> = [<M as Machine>::F; 4];
+
+/// Colours as bytes, rounded: red in the low byte, opacity left out.
+#[inline(always)]
+fn packed<M: Machine>(c: &Colours<M>) -> M::I {
+    let green_blue = M::or(M::left(byte::<M>(c[1]), 8), M::left(byte::<M>(c[2]), 16));
+    M::or(byte::<M>(c[0]), green_blue)
+}
+
+/// A colour in 0..=1 as 0..=255, rounded.
+#[inline(always)]
+fn byte<M: Machine>(v: M::F) -> M::I {
+    M::truncate(M::mul_then_add(v, M::float(255.0), M::float(0.5)))
+}
+
+impl Shader<'_> {
+    /// Prepares a face.
+    pub(crate) fn ready(&mut self, drawn: &Drawn) -> Ready {
+        let part = self.placed[drawn.part as usize];
+        let solid = &self.scene.solids[part.solid];
+        let (light, alpha) = match part.role {
+            Role::Sky => (Light::Even([1.0; 3]), 1.0),
+            Role::Haze => (
+                Light::Even(self.scene.spec.haze.map_or([0.0; 3], |h| h.rgb)),
+                1.0,
+            ),
+            Role::Geom(g) => (
+                self.light_of(&part, &self.scene.spec.geoms[g].surface, solid, drawn.face),
+                part.alpha,
+            ),
+        };
+        let paint = self.paint_of(&part, solid, drawn);
+        let Drawn {
+            whole,
+            along,
+            part,
+            face,
+        } = *drawn;
+        Ready {
+            whole,
+            along,
+            light,
+            paint,
+            part,
+            face,
+            alpha,
+        }
+    }
+
+    fn light_of(&mut self, part: &Placed, surface: &Surface, solid: &Solid, face: u32) -> Light {
+        let face = face as usize;
+        if let Some(nodes) = solid.triangle_nodes.get(face) {
+            let [a, b, c] = nodes.map(|n| self.lit(part, surface, solid, n));
+            return Light::Corners([a, sub(b, a), sub(c, a)]);
+        }
+        match &solid.faces[face - solid.triangles.len()].nodes {
+            Nodes::Grid { base, step_s, .. } if self.lamps.is_even(surface) => {
+                // Tubes turn from one side of the face to the other; all other grids are flat.
+                let [a, b] = [*base, base + step_s].map(|n| self.lit(part, surface, solid, n));
+                if a == b { Light::Even(a) } else { Light::Nodes }
+            }
+            Nodes::Slice { c, .. } if self.lamps.is_even(surface) => {
+                Light::Even(self.lit(part, surface, solid, *c))
+            }
+            _ => Light::Nodes,
+        }
+    }
+
+    fn paint_of(&self, part: &Placed, solid: &Solid, drawn: &Drawn) -> Paint {
+        let row = |v: [f32; 3]| {
+            let sides = add(
+                scale(drawn.along[0], v[1] - v[0]),
+                scale(drawn.along[1], v[2] - v[0]),
+            );
+            add(scale(drawn.whole, v[0]), sides)
+        };
+        let rows_of = |p: [V3; 3], axis: usize, k: f32| row(p.map(|p| k * p[axis]));
+        let geom = match part.role {
+            Role::Haze => {
+                return Paint::Opacity {
+                    row: row(uv_of(solid, drawn.face).map(|t| t[0])),
+                };
+            }
+            Role::Sky => {
+                let p = frame_of(solid, drawn.face);
+                let texture = self.scene.spec.sky.unwrap_or(0);
+                return Paint::Cube {
+                    texture,
+                    rows: [rows_of(p, 0, 1.0), rows_of(p, 2, 1.0), rows_of(p, 1, -1.0)],
+                };
+            }
+            Role::Geom(g) => g,
+        };
+        let Some(used) = self.scene.spec.geoms[geom].surface.texture else {
+            return Paint::None;
+        };
+        let texture = used.texture;
+        match self.scene.mapping[geom] {
+            Mapping::None => Paint::None,
+            Mapping::Surface { scale, offset } => {
+                let uv = uv_of(solid, drawn.face);
+                let rows = [0, 1].map(|k| row(uv.map(|t| t[k] * scale[k] + offset[k])));
+                self.flat(texture, rows, drawn.whole)
+            }
+            Mapping::Projected { scale } => {
+                let p = frame_of(solid, drawn.face);
+                let s = row(p.map(|p| 0.5 * scale[0] * p[0] - 0.5));
+                let t = row(p.map(|p| -0.5 * scale[1] * p[1] - 0.5));
+                self.flat(texture, [s, t], drawn.whole)
+            }
+            Mapping::Cube { scale } => {
+                let p = frame_of(solid, drawn.face);
+                Paint::Cube {
+                    texture,
+                    rows: [0, 1, 2].map(|k| rows_of(p, k, scale[k])),
+                }
+            }
+        }
+    }
+
+    fn flat(&self, texture: usize, rows: [V3; 2], whole: V3) -> Paint {
+        let size = self.scene.spec.textures[texture].size();
+        let (u, v) = (scale(rows[0], size.0), scale(rows[1], size.1));
+        let slopes = [
+            slope_of(u, whole, 0),
+            slope_of(v, whole, 0),
+            slope_of(u, whole, 1),
+            slope_of(v, whole, 1),
+        ];
+        Paint::Flat {
+            texture,
+            rows,
+            slopes,
+        }
+    }
+
+    /// Colour of a node, lit on first use.
+    #[inline(always)]
+    fn lit(&mut self, part: &Placed, surface: &Surface, solid: &Solid, node: u32) -> V3 {
+        let slot = (part.first_node + node) as usize;
+        if self.nodes.frame_of[slot] == self.nodes.frame {
+            return self.nodes.colours[slot];
+        }
+        let n = &solid.nodes[node as usize];
+        let position = add(
+            mul3(&part.rotation, times(n.position, part.scale)),
+            part.position,
+        );
+        let bent = [
+            n.normal[0] / part.scale[0],
+            n.normal[1] / part.scale[1],
+            n.normal[2] / part.scale[2],
+        ];
+        let normal = normalize(mul3(&part.rotation, bent));
+        let colour = self.lamps.colour(position, normal, surface);
+        self.nodes.colours[slot] = colour;
+        self.nodes.frame_of[slot] = self.nodes.frame;
+        colour
+    }
+
+    /// See [`shade_run`].
+    #[inline(always)]
+    fn run<M: Machine>(
+        &mut self,
+        ready: &Ready,
+        places: Places<'_>,
+        out: &mut [u32],
+        mut opacity: Option<&mut Vec<f32>>,
+    ) {
+        let mut first = 0;
+        for few in out.chunks_exact_mut(M::LANES) {
+            let colours = self.shade::<M>(ready, &places.batch(first));
+            M::store_ints(packed::<M>(&colours), few);
+            if let Some(opacity) = opacity.as_mut() {
+                M::store(colours[3], &mut opacity[first..]);
+            }
+            first += M::LANES;
+        }
+    }
+
+    /// Colours of a batch of samples of one face.
+    #[inline(always)]
+    fn shade<M: Machine>(&mut self, ready: &Ready, batch: &Batch<M>) -> Colours<M> {
+        let w = M::div(M::float(1.0), along(ready.whole, batch));
+        let (mut red, mut green, mut blue) = match ready.light {
+            Light::Even([r, g, b]) => (M::float(r), M::float(g), M::float(b)),
+            Light::Corners(corners) => {
+                let s = M::mul(along(ready.along[0], batch), w);
+                let t = M::mul(along(ready.along[1], batch), w);
+                (
+                    between::<M>(&corners, 0, s, t),
+                    between::<M>(&corners, 1, s, t),
+                    between::<M>(&corners, 2, s, t),
+                )
+            }
+            Light::Nodes => {
+                let s = M::mul(along(ready.along[0], batch), w);
+                let t = M::mul(along(ready.along[1], batch), w);
+                let (mut places, mut rgb) = ([[0.0; MOST_LANES]; 2], [[0.0; MOST_LANES]; 3]);
+                M::store(s, &mut places[0]);
+                M::store(t, &mut places[1]);
+                self.light_by_nodes(ready, M::LANES, &places, &mut rgb);
+                (M::load(&rgb[0]), M::load(&rgb[1]), M::load(&rgb[2]))
+            }
+        };
+        let mut opacity = M::float(ready.alpha);
+        let texels = match ready.paint {
+            Paint::None => return [red, green, blue, opacity],
+            Paint::Opacity { row } => {
+                return [red, green, blue, M::unit(M::mul(along(row, batch), w))];
+            }
+            Paint::Flat {
+                texture,
+                rows,
+                slopes,
+            } => paint_flat::<M>(&self.scene.spec.textures[texture], rows, slopes, batch, w),
+            Paint::Cube { texture, rows } => paint_cube::<M>(
+                &self.scene.spec.textures[texture],
+                ready.whole,
+                rows,
+                batch,
+                w,
+            ),
+        };
+        let byte = M::float(1.0 / 255.0);
+        red = M::mul(red, M::mul(texels[0], byte));
+        green = M::mul(green, M::mul(texels[1], byte));
+        blue = M::mul(blue, M::mul(texels[2], byte));
+        opacity = M::mul(opacity, M::mul(texels[3], byte));
+        [red, green, blue, opacity]
+    }
+
+    #[inline(never)]
+    fn light_by_nodes(
+        &mut self,
+        ready: &Ready,
+        lanes: usize,
+        [s, t]: &[[f32; MOST_LANES]; 2],
+        rgb: &mut [[f32; MOST_LANES]; 3],
+    ) {
+        for i in 0..lanes {
+            let colour = self.between_nodes(ready, s[i], t[i]);
+            (0..3).for_each(|k| rgb[k][i] = colour[k]);
+        }
+    }
+
+    /// Light at coordinates `(s, t)` of a face with nodes.
+    fn between_nodes(&mut self, ready: &Ready, s: f32, t: f32) -> V3 {
+        let part = self.placed[ready.part as usize];
+        let Role::Geom(geom) = part.role else {
+            return [0.0; 3];
+        };
+        let surface = &self.scene.spec.geoms[geom].surface;
+        let solid = &self.scene.solids[part.solid];
+        let face = &solid.faces[ready.face as usize - solid.triangles.len()];
+        let (nodes, [a, b]) = triangle_at(face, s, t);
+        let [c0, c1, c2] = nodes.map(|n| self.lit(&part, surface, solid, n));
+        let mut colour = add(c0, add(scale(sub(c1, c0), a), scale(sub(c2, c0), b)));
+        for c in &mut colour {
+            *c = c.clamp(0.0, 1.0);
+        }
+        colour
+    }
+}
+
+/// The triangle of nodes around `(s, t)`, and the weights of its second and third node.
+///
+/// OpenGL cuts a quad from its second to its fourth corner.
+#[inline(always)]
+fn triangle_at(face: &Face, s: f32, t: f32) -> ([u32; 3], [f32; 2]) {
+    match &face.nodes {
+        Nodes::Grid {
+            s: lines_s,
+            t: lines_t,
+            base,
+            step_s,
+            step_t,
+        } => {
+            let ((i, a), (j, b)) = (lines_s.find(s), lines_t.find(t));
+            #[expect(clippy::cast_possible_truncation, reason = "grids have few lines")]
+            let low = base + i as u32 * step_s + j as u32 * step_t;
+            let (right, up) = (low + step_s, low + step_t);
+            if a + b <= 1.0 {
+                ([low, right, up], [a, b])
+            } else {
+                ([right + step_t, up, right], [1.0 - a, 1.0 - b])
+            }
+        }
+        Nodes::Slice { rings, a, b, c } => slice_triangle(*rings, [*a, *b, *c], s, t),
+    }
+}
+
+/// The same for a slice of a disk, whose rings are cut from the inner node of `a` to the outer node of `b`.
+fn slice_triangle(rings: usize, [a, b, c]: [u32; 3], s: f32, t: f32) -> ([u32; 3], [f32; 2]) {
+    #[expect(clippy::cast_precision_loss, reason = "few rings")]
+    let (x, y) = (s * rings as f32, t * rings as f32);
+    let last = i32::try_from(rings).unwrap_or(i32::MAX) - 1;
+    let ring = crate::math::floor_i32(x + y).clamp(0, last);
+    if ring == 0 {
+        return ([c, a, b], [x, y]);
+    }
+    #[expect(
+        clippy::cast_precision_loss,
+        clippy::cast_sign_loss,
+        reason = "few rings, not negative"
+    )]
+    let (k, inner) = (ring as f32, ring as u32 - 1);
+    let outer = inner + 1;
+    let q = y / (k + 1.0);
+    let p = x - k + k * q;
+    if p >= 0.0 {
+        return ([a + inner, a + outer, b + outer], [p, q]);
+    }
+    let q = x + y - k;
+    ([a + inner, b + inner, b + outer], [(k - x) / k - q, q])
+}
+
+/// Position in the solid's unit frame at the first corner of a face and at the ends of its two sides.
+fn frame_of(solid: &Solid, face: u32) -> [V3; 3] {
+    let face = face as usize;
+    let corners = solid.triangles.get(face).copied().unwrap_or_else(|| {
+        let c = solid.faces[face - solid.triangles.len()].corners;
+        [c[0], c[1], c[3]]
+    });
+    corners.map(|c| solid.positions[c as usize])
+}
+
+/// Texture coordinates at the same three places.
+fn uv_of(solid: &Solid, face: u32) -> [[f32; 2]; 3] {
+    let face = face as usize;
+    match solid.triangle_nodes.get(face) {
+        Some(nodes) => nodes.map(|n| solid.uv[n as usize]),
+        None => solid.faces[face - solid.triangles.len()].uv,
+    }
+}
+
+/// One channel of light on a triangle at coordinates `(s, t)`.
+#[inline(always)]
+fn between<M: Machine>([first, a, b]: &[V3; 3], channel: usize, s: M::F, t: M::F) -> M::F {
+    let sides = M::mul_then_add(s, M::float(a[channel]), M::mul(t, M::float(b[channel])));
+    M::unit(M::add(M::float(first[channel]), sides))
+}

@@ -1,0 +1,461 @@
+//! Properties of pictures, against a reference that follows one ray a pixel.
+
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+use proptest::prelude::*;
+
+use crate::lanes::Kind;
+use crate::{
+    Antialias, Camera, Canvas, Error, Geom, Layout, Lens, Light, LightKind, MeshData, Scene,
+    SceneSpec, Shape, Surface, Texture, TextureKind, TextureUse, View,
+};
+
+const SIZE: usize = 40;
+const NEAR: f32 = 0.05;
+const FAR: f32 = 20.0;
+const UPRIGHT: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+
+fn geom(shape: Shape, number: i32) -> Geom {
+    Geom {
+        shape,
+        surface: Surface::default(),
+        tag: [number, 5],
+    }
+}
+
+fn camera(position: [f64; 3], azimuth: f64, elevation: f64) -> Camera {
+    let [_, forward, up] = Camera::orbit([0.0; 3], 1.0, azimuth, elevation);
+    Camera {
+        position,
+        forward,
+        up,
+        lens: Lens::Angle { fovy: 70.0 },
+        near: NEAR,
+        far: FAR,
+    }
+}
+
+fn canvas(antialias: Antialias, kind: Kind) -> Canvas {
+    let mut canvas = Canvas::new(SIZE, SIZE, antialias).unwrap();
+    canvas.use_kind(kind);
+    canvas
+}
+
+/// Every kind of machine that this one can play.
+fn kinds() -> Vec<Kind> {
+    let mut kinds = vec![Kind::Plain];
+    #[cfg(target_arch = "x86_64")]
+    {
+        if Kind::detect() == Kind::Avx512 {
+            kinds.push(Kind::Avx512);
+        }
+        if std::arch::is_x86_feature_detected!("avx2") {
+            kinds.push(Kind::Avx2);
+        }
+    }
+    kinds
+}
+
+fn picture(scene: &Scene, view: &View, antialias: Antialias, kind: Kind) -> Vec<u8> {
+    let mut out = vec![0; 3 * SIZE * SIZE];
+    canvas(antialias, kind)
+        .draw(scene, view, Layout::Interleaved, &mut out)
+        .unwrap();
+    out
+}
+
+/// A mesh of separate triangles.
+fn soup(triangles: &[[[f32; 3]; 3]]) -> MeshData {
+    let count = u32::try_from(triangles.len()).unwrap();
+    let faces: Vec<[u32; 3]> = (0..count).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    MeshData {
+        vertices: triangles.iter().flatten().copied().collect(),
+        normals: vec![[0.0, 0.0, 1.0]],
+        face_normals: vec![[0; 3]; faces.len()],
+        faces,
+        ..MeshData::default()
+    }
+}
+
+/// A scene of one mesh.
+fn mesh_scene(mesh: MeshData) -> Scene {
+    let shape = Shape::Mesh {
+        mesh: 0,
+        half_size: [1.0; 3],
+    };
+    let geoms = vec![geom(shape, 0)];
+    Scene::new(SceneSpec {
+        meshes: vec![mesh],
+        geoms,
+        far: f64::from(FAR),
+        ..SceneSpec::default()
+    })
+    .unwrap()
+}
+
+/// Distance along the gaze at which the ray through the middle of a pixel meets the front of a triangle, and how far
+/// from its edges, as the smallest of its three weights (Moller and Trumbore 1997, in f64).
+fn meet(camera: &Camera, x: usize, y: usize, triangle: &[[f32; 3]; 3]) -> Option<(f64, f64)> {
+    let cross = |a: [f64; 3], b: [f64; 3]| {
+        [
+            a[1] * b[2] - a[2] * b[1],
+            a[2] * b[0] - a[0] * b[2],
+            a[0] * b[1] - a[1] * b[0],
+        ]
+    };
+    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let tan = 35.0_f64.to_radians().tan();
+    let across =
+        |i: usize| (2.0 * (f64::from(u16::try_from(i).unwrap()) + 0.5) / f64::from(40) - 1.0) * tan;
+    let right = cross(camera.forward, camera.up);
+    let ray =
+        [0, 1, 2].map(|k| camera.forward[k] + across(x) * right[k] - across(y) * camera.up[k]);
+    let p = triangle.map(|v| [0, 1, 2].map(|k| f64::from(v[k]) - camera.position[k]));
+    let (a, b) = (
+        [0, 1, 2].map(|k| p[1][k] - p[0][k]),
+        [0, 1, 2].map(|k| p[2][k] - p[0][k]),
+    );
+    let volume = -dot(cross(a, b), ray);
+    if volume <= 1e-9 {
+        return None;
+    }
+    let distance = -dot(p[0], cross(a, b)) / volume;
+    let hit = ray.map(|r| r * distance);
+    let to = [0, 1, 2].map(|k| hit[k] - p[0][k]);
+    let normal = cross(a, b);
+    let area = dot(normal, normal);
+    let (s, t) = (
+        dot(cross(to, b), normal) / area,
+        dot(cross(a, to), normal) / area,
+    );
+    Some((distance, s.min(t).min(1.0 - s - t)))
+}
+
+fn triangles() -> impl Strategy<Value = Vec<[[f32; 3]; 3]>> {
+    let corner = prop::array::uniform3(-3.0_f32..3.0);
+    prop::collection::vec(prop::array::uniform3(corner), 1..12)
+}
+
+fn anywhere() -> impl Strategy<Value = Camera> {
+    (
+        prop::array::uniform3(-2.0_f64..2.0),
+        0.0..360.0,
+        -80.0..80.0,
+    )
+        .prop_map(|(p, a, e)| camera(p, a, e))
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
+
+    /// Triangles all around the camera, through its near plane and through each other.
+    #[test]
+    fn distances_are_those_of_rays(triangles in triangles(), camera in anywhere()) {
+        let scene = mesh_scene(soup(&triangles));
+        let view = View::new(&scene, camera);
+        for kind in kinds() {
+            let mut depth = vec![0.0; SIZE * SIZE];
+            canvas(Antialias::Off, kind).draw_depth(&scene, &view, &mut depth).unwrap();
+            for (i, &found) in depth.iter().enumerate() {
+                let hits: Vec<_> = (triangles.iter().filter_map(|t| meet(&camera, i % SIZE, i / SIZE, t)))
+                    .filter(|&(distance, _)| distance > 0.0)
+                    .collect();
+                // Pixels near an edge, or near one of the clipping planes, may fall on either side.
+                let is_unsure = hits.iter().any(|&(distance, inside)| {
+                    inside.abs() < 1e-3 || (distance / f64::from(NEAR) - 1.0).abs() < 1e-2
+                });
+                if is_unsure {
+                    continue;
+                }
+                let expected = (hits.iter().filter(|&&(d, inside)| inside > 0.0 && d > f64::from(NEAR)))
+                    .map(|&(distance, _)| distance)
+                    .fold(f64::from(FAR), f64::min);
+                prop_assert!((f64::from(found) / expected - 1.0).abs() < 1e-3, "{} instead of {}", found, expected);
+            }
+        }
+    }
+
+    /// A closed surface has no holes and no pixel drawn twice: through a half clear ball one sees it once.
+    #[test]
+    fn neighbours_share_no_sample_and_lose_none(distance in 0.8_f64..4.0, azimuth in 0.0..360.0, elevation in -89.0..89.0) {
+        let surface = Surface { rgba: [1.0, 1.0, 1.0, 0.5], emission: 1.0, specular: 0.0, ..Surface::default() };
+        let ball = Geom { shape: Shape::Sphere { radius: 0.5 }, surface, tag: [0, 5] };
+        let lights = vec![Light {
+            kind: LightKind::Directional,
+            ambient: [0.0; 3],
+            diffuse: [0.0; 3],
+            specular: [0.0; 3],
+            is_headlight: true,
+        }];
+        let scene = Scene::new(SceneSpec { geoms: vec![ball], lights, far: 20.0, ..SceneSpec::default() }).unwrap();
+        let [position, forward, up] = Camera::orbit([0.0; 3], distance, azimuth, elevation);
+        let camera = Camera { position, forward, up, lens: Lens::Angle { fovy: 40.0 }, near: NEAR, far: FAR };
+        let out = picture(&scene, &View::new(&scene, camera), Antialias::Off, Kind::detect());
+        // Blended over black twice, as transparent geoms are: 128, then 128 + 64.
+        for pixel in out.chunks_exact(3) {
+            prop_assert!(pixel[0] == 0 || (191..=192).contains(&pixel[0]), "{:?}", pixel);
+        }
+        prop_assert!(out[3 * (SIZE / 2 * SIZE + SIZE / 2)] > 0);
+    }
+
+    /// Vector units change the speed, not the picture.
+    #[test]
+    fn machines_agree_to_the_last_bit(camera in anywhere(), seed in 0_u8..255) {
+        let scene = mixed_scene(seed);
+        let mut view = View::new(&scene, camera);
+        let place = |i: usize| [[1.5, 0.0, 0.0], [0.0, 1.5, 0.3], [-1.5, 0.0, 0.0], [0.0, -1.5, 0.5], [0.0, 0.0, -1.0]][i % 5];
+        let positions: Vec<f64> = (0..scene.geom_count()).flat_map(place).collect();
+        view.set_poses(0, &positions, &UPRIGHT.repeat(scene.geom_count())).unwrap();
+        for antialias in [Antialias::Off, Antialias::Multisample, Antialias::Supersample] {
+            let expected = picture(&scene, &view, antialias, Kind::Plain);
+            for kind in kinds() {
+                prop_assert_eq!(&picture(&scene, &view, antialias, kind), &expected);
+            }
+        }
+    }
+
+    /// Sizes of zero, huge and tiny ones, cameras inside: something or nothing, but no panic.
+    #[test]
+    fn any_size_makes_a_picture(
+        sizes in prop::array::uniform3(prop_oneof![Just(0.0_f32), Just(1e-30), Just(1e20), 0.0_f32..3.0]),
+        camera in anywhere(),
+    ) {
+        let [radius, half_length, _] = sizes;
+        let shapes = [
+            Shape::Sphere { radius },
+            Shape::Capsule { radius, half_length },
+            Shape::Ellipsoid { radii: sizes },
+            Shape::Cylinder { radius, half_length },
+            Shape::Box { half_size: sizes },
+            Shape::Plane { half_size: [radius.into(), half_length.into()], spacing: 0.1 },
+        ];
+        for shape in shapes {
+            let spec = SceneSpec { geoms: vec![geom(shape, 0)], far: 20.0, ..SceneSpec::default() };
+            let scene = Scene::new(spec).unwrap();
+            picture(&scene, &View::new(&scene, camera), Antialias::Multisample, Kind::detect());
+        }
+    }
+}
+
+/// One of each shape, with both kinds of texture and light.
+fn mixed_scene(seed: u8) -> Scene {
+    let noise = |n: usize| -> Vec<u8> {
+        let next = |x: &mut u32| {
+            *x = x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            Some(x.to_le_bytes()[3])
+        };
+        std::iter::repeat_with({
+            let mut x = u32::from(seed);
+            move || next(&mut x).unwrap()
+        })
+        .take(n)
+        .collect()
+    };
+    let flat = Texture::new(TextureKind::Flat, 48, 20, 3, &noise(48 * 20 * 3)).unwrap();
+    let cube = Texture::new(TextureKind::Cube, 16, 96, 3, &noise(16 * 96 * 3)).unwrap();
+    let paint = |texture| {
+        Some(TextureUse {
+            texture,
+            repeat: [3.0, 2.0],
+            uniform: true,
+        })
+    };
+    let surface = |texture| Surface {
+        texture,
+        ..Surface::default()
+    };
+    let shapes = [
+        (
+            Shape::Box {
+                half_size: [0.3, 0.5, 0.4],
+            },
+            paint(0),
+        ),
+        (Shape::Sphere { radius: 0.5 }, paint(1)),
+        (
+            Shape::Cylinder {
+                radius: 0.4,
+                half_length: 0.5,
+            },
+            None,
+        ),
+        (
+            Shape::Capsule {
+                radius: 0.2,
+                half_length: 0.5,
+            },
+            paint(0),
+        ),
+        (
+            Shape::Plane {
+                half_size: [0.0, 0.0],
+                spacing: 0.1,
+            },
+            paint(0),
+        ),
+    ];
+    let geoms = shapes
+        .map(|(shape, texture)| Geom {
+            shape,
+            surface: surface(texture),
+            tag: [0, 5],
+        })
+        .to_vec();
+    let spot = LightKind::Spot {
+        attenuation: [1.0, 0.1, 0.0],
+        exponent: 5.0,
+        cutoff: 60.0,
+    };
+    let light = |kind, is_headlight| Light {
+        kind,
+        ambient: [0.2; 3],
+        diffuse: [0.6; 3],
+        specular: [0.4; 3],
+        is_headlight,
+    };
+    let lights = vec![light(LightKind::Directional, true), light(spot, false)];
+    let spec = SceneSpec {
+        textures: vec![flat, cube],
+        geoms,
+        lights,
+        sky: Some(1),
+        far: 20.0,
+        ..SceneSpec::default()
+    };
+    Scene::new(spec).unwrap()
+}
+
+#[test]
+fn a_camera_inside_a_solid_looks_through_it() {
+    let shapes = [
+        Shape::Sphere { radius: 1.0 },
+        Shape::Box {
+            half_size: [1.0; 3],
+        },
+    ];
+    for shape in shapes {
+        let spec = SceneSpec {
+            geoms: vec![geom(shape, 0)],
+            far: 20.0,
+            ..SceneSpec::default()
+        };
+        let scene = Scene::new(spec).unwrap();
+        let view = View::new(&scene, camera([0.1, 0.0, 0.0], 30.0, 10.0));
+        let mut tags = vec![0; 2 * SIZE * SIZE];
+        canvas(Antialias::Off, Kind::detect())
+            .draw_tags(&scene, &view, &mut tags)
+            .unwrap();
+        assert!(tags.iter().all(|&t| t == -1));
+    }
+}
+
+#[test]
+fn triangles_without_area_are_not_drawn() {
+    let line = [[0.0, 1.0, 0.0], [0.0, 2.0, 0.0], [0.0, 3.0, 0.0]];
+    let point = [[0.0, 1.0, 0.0]; 3];
+    let scene = mesh_scene(soup(&[line, point]));
+    let view = View::new(&scene, camera([0.0, -1.0, 0.1], 90.0, 0.0));
+    let mut tags = vec![0; 2 * SIZE * SIZE];
+    canvas(Antialias::Off, Kind::detect())
+        .draw_tags(&scene, &view, &mut tags)
+        .unwrap();
+    assert!(tags.iter().all(|&t| t == -1));
+}
+
+#[test]
+fn every_refusal_says_what_was_expected_and_found() {
+    let scene = mixed_scene(1);
+    let mut view = View::new(&scene, camera([0.0; 3], 0.0, 0.0));
+    let poses = vec![0.0; 3];
+    let refusals = [
+        (
+            Canvas::new(0, 4, Antialias::Off).err(),
+            "picture height: expected 1 to 8192, got 0",
+        ),
+        (
+            view.set_poses(4, &[0.0; 6], &[0.0; 18]).err(),
+            "geom positions: expected 3 values, got 6",
+        ),
+        (
+            view.set_poses(0, &poses, &[0.0; 8]).err(),
+            "geom rotations: expected 9 values, got 8",
+        ),
+        (
+            view.set_poses(1, &[f64::NAN; 3], &UPRIGHT).err(),
+            "pose of geom 1: expected finite numbers, got NaN or infinity",
+        ),
+        (
+            view.set_visible(&[true]).err(),
+            "visibility of geoms: expected 5 values, got 1",
+        ),
+        (
+            view.set_light(7, true, [0.0; 3], [0.0; 3]).err(),
+            "light index 7: expected less than 2",
+        ),
+        (
+            view.set_camera(camera([f64::NAN; 3], 0.0, 0.0)).err(),
+            "camera 0: expected finite numbers, got NaN or infinity",
+        ),
+        (
+            Texture::new(TextureKind::Flat, 2, 2, 2, &[0; 8]).err(),
+            "texture channels: expected 3 or 4, got 2",
+        ),
+        (
+            Texture::new(TextureKind::Cube, 2, 3, 3, &[0; 18]).err(),
+            "cube texture height: expected the width, or six times the width, got 3 for width 2",
+        ),
+    ];
+    for (error, message) in refusals {
+        assert_eq!(
+            error.as_ref().map(Error::to_string).as_deref(),
+            Some(message)
+        );
+    }
+    let spec = SceneSpec {
+        sky: Some(0),
+        far: 1.0,
+        ..SceneSpec::default()
+    };
+    assert_eq!(
+        Scene::new(spec).err(),
+        Some(Error::Index {
+            what: "sky texture",
+            index: 0,
+            len: 0
+        })
+    );
+}
+
+#[test]
+fn averaging_four_samples_rounds_to_the_nearest() {
+    // A white ball against black: every level in between must be one of the five means of four samples.
+    let surface = Surface {
+        rgba: [1.0; 4],
+        emission: 1.0,
+        specular: 0.0,
+        ..Surface::default()
+    };
+    let ball = Geom {
+        shape: Shape::Sphere { radius: 0.5 },
+        surface,
+        tag: [0, 5],
+    };
+    let scene = Scene::new(SceneSpec {
+        geoms: vec![ball],
+        far: 20.0,
+        ..SceneSpec::default()
+    })
+    .unwrap();
+    let view = View::new(&scene, camera([-2.0, 0.0, 0.0], 0.0, 0.0));
+    for antialias in [Antialias::Multisample, Antialias::Supersample] {
+        let out = picture(&scene, &view, antialias, Kind::detect());
+        let levels: std::collections::BTreeSet<u8> = out.into_iter().collect();
+        assert!(
+            levels
+                .iter()
+                .all(|level| [0, 64, 128, 191, 255].contains(level)),
+            "{levels:?}"
+        );
+        assert!(levels.len() >= 4, "edges are smoothed: {levels:?}");
+    }
+}

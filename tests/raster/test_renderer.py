@@ -1,0 +1,193 @@
+"""`RasterRenderer` behaves like `mujoco.Renderer`, and says so when it cannot."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+
+import mujoco
+import numpy as np
+import pytest
+from raster_support import scatter, shapes_model
+
+from vhs.raster import RasterRenderer
+
+
+@pytest.fixture(scope="module")
+def model() -> mujoco.MjModel:
+    return shapes_model()
+
+
+@pytest.fixture
+def data(model: mujoco.MjModel) -> mujoco.MjData:
+    data = mujoco.MjData(model)
+    scatter(model, data, np.random.default_rng(0), 0.1)
+    return data
+
+
+@pytest.fixture
+def renderer(model: mujoco.MjModel) -> RasterRenderer:
+    return RasterRenderer(model, 40, 56)
+
+
+def picture(renderer: RasterRenderer, data: mujoco.MjData, camera: object = "fixed") -> np.ndarray:
+    renderer.update_scene(data, camera)
+    return renderer.render()
+
+
+def test_results_have_the_documented_shapes_and_types(renderer: RasterRenderer, data: mujoco.MjData) -> None:
+    assert (picture(renderer, data).shape, picture(renderer, data).dtype) == ((40, 56, 3), np.uint8)
+    renderer.enable_depth_rendering()
+    assert (renderer.render().shape, renderer.render().dtype) == ((40, 56), np.float32)
+    renderer.enable_segmentation_rendering()
+    assert (renderer.render().shape, renderer.render().dtype) == ((40, 56, 2), np.int32)
+    renderer.disable_segmentation_rendering()
+    assert renderer.render().shape == (40, 56, 3)
+
+
+def test_out_takes_the_picture_in_any_layout(renderer: RasterRenderer, data: mujoco.MjData) -> None:
+    expected = picture(renderer, data)
+    for out in (
+        np.zeros((40, 56, 3), np.uint8),
+        np.zeros((40, 56, 3), np.float32),
+        np.zeros((80, 56, 3), np.uint8)[::2],
+    ):
+        assert renderer.render(out=out) is out
+        assert np.array_equal(out, expected)
+    planar = renderer.render(out=np.zeros((3, 40, 56), np.uint8))
+    assert np.array_equal(planar, expected.transpose(2, 0, 1))
+
+
+def test_out_of_another_shape_is_refused(renderer: RasterRenderer, data: mujoco.MjData) -> None:
+    renderer.update_scene(data)
+    with pytest.raises(ValueError, match=r"expected shape \(40, 56, 3\).*got \(40, 55, 3\)"):
+        renderer.render(out=np.zeros((40, 55, 3), np.uint8))
+
+
+def test_the_scene_is_that_of_the_last_update(renderer: RasterRenderer, data: mujoco.MjData) -> None:
+    before = picture(renderer, data)
+    data.geom_xpos[1:] += 0.3
+    assert np.array_equal(renderer.render(), before)
+    renderer.update_scene(data, "fixed")
+    assert not np.array_equal(renderer.render(), before)
+
+
+def test_the_same_state_gives_the_same_bytes(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    expected = picture(RasterRenderer(model, 40, 56), data)
+    pictures: list[np.ndarray] = []
+
+    def draw() -> None:
+        pictures.append(picture(RasterRenderer(model, 40, 56), data))
+
+    threads = [threading.Thread(target=draw) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(pictures) == 4
+    assert all(np.array_equal(other, expected) for other in pictures)
+
+
+def test_a_batch_equals_its_single_pictures(model: mujoco.MjModel, renderer: RasterRenderer) -> None:
+    rng, datas = np.random.default_rng(2), [mujoco.MjData(model) for _ in range(3)]
+    for data in datas:
+        scatter(model, data, rng, 0.1)
+    batch = renderer.render_batch(datas, "fixed")
+    assert batch.shape == (3, 40, 56, 3)
+    for data, one in zip(datas, batch, strict=True):
+        assert np.array_equal(picture(renderer, data), one)
+
+
+@pytest.mark.parametrize("antialias", ["off", "multisample", "supersample"])
+def test_planes_seen_from_below_are_nearly_clear(model: mujoco.MjModel, antialias: str) -> None:
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    camera = mujoco.MjvCamera()
+    camera.lookat[:], camera.distance, camera.elevation = (0, 0, 0.4), 2, 40
+    renderer = RasterRenderer(model, 64, 64, antialias=antialias)
+    renderer.update_scene(data, camera)
+    assert renderer.render().std() > 5
+
+
+def test_refresh_reads_the_model_again(data: mujoco.MjData) -> None:
+    model = shapes_model()
+    renderer = RasterRenderer(model, 40, 56)
+    before = picture(renderer, data)
+    model.site_rgba[0] = (1, 0, 0, 1)
+    assert np.array_equal(picture(renderer, data), before)
+    renderer.refresh()
+    assert not np.array_equal(picture(renderer, data), before)
+
+
+def test_nan_in_a_pose_is_an_error_and_keeps_the_scene(renderer: RasterRenderer, data: mujoco.MjData) -> None:
+    before = picture(renderer, data)
+    data.geom_xpos[4, 1] = np.nan
+    with pytest.raises(ValueError, match="pose of geom 4: expected finite numbers"):
+        renderer.update_scene(data, "fixed")
+    assert np.array_equal(renderer.render(), before)
+
+
+@pytest.mark.parametrize(
+    ("camera", "message"),
+    [("nowhere", "nowhere"), (3, "from -1 to 2, got 3"), (-2, "from -1 to 2, got -2")],
+)
+def test_unknown_cameras_are_refused(
+    renderer: RasterRenderer, data: mujoco.MjData, camera: object, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        renderer.update_scene(data, camera)
+
+
+HFIELD = '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/></asset>'
+REFUSED = {
+    "height field": f'{HFIELD}<worldbody><geom type="hfield" hfield="h"/></worldbody>',
+    "spatial tendon": """<worldbody><site name="a"/><body pos="0 0 1"><freejoint/><geom size=".1"/>
+        <site name="b"/></body></worldbody><tendon><spatial><site site="a"/><site site="b"/></spatial>
+        </tendon>""",
+    "range finder": '<worldbody><site name="a"/></worldbody><sensor><rangefinder site="a"/></sensor>',
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_not_drawn_is_named_at_construction(name: str) -> None:
+    model = mujoco.MjModel.from_xml_string(f"<mujoco>{REFUSED[name]}</mujoco>")
+    with pytest.raises(NotImplementedError, match=name):
+        RasterRenderer(model)
+
+
+def test_a_hidden_height_field_is_refused_when_it_is_shown() -> None:
+    xml = f'<mujoco>{HFIELD}<worldbody><geom type="hfield" hfield="h" group="4"/></worldbody></mujoco>'
+    model = mujoco.MjModel.from_xml_string(xml)
+    data, option = mujoco.MjData(model), mujoco.MjvOption()
+    mujoco.mj_forward(model, data)
+    renderer = RasterRenderer(model, 8, 8)
+    renderer.update_scene(data)
+    option.geomgroup[4] = 1
+    with pytest.raises(NotImplementedError, match="height field"):
+        renderer.update_scene(data, scene_option=option)
+
+
+def test_decorations_are_refused(renderer: RasterRenderer, data: mujoco.MjData) -> None:
+    option = mujoco.MjvOption()
+    option.flags[mujoco.mjtVisFlag.mjVIS_CONTACTPOINT] = 1
+    with pytest.raises(NotImplementedError, match="14"):
+        renderer.update_scene(data, scene_option=option)
+
+
+def test_a_closed_renderer_says_so(renderer: RasterRenderer, data: mujoco.MjData) -> None:
+    with renderer:
+        picture(renderer, data)
+    with pytest.raises(RuntimeError, match="closed"):
+        renderer.render()
+
+
+@pytest.mark.parametrize("size", [(0, 10), (10, 9000)])
+def test_impossible_sizes_are_refused(model: mujoco.MjModel, size: tuple[int, int]) -> None:
+    with pytest.raises(ValueError, match="expected 1 to 8192"):
+        RasterRenderer(model, *size)
+
+
+def test_importing_the_renderer_imports_no_mujoco() -> None:
+    code = "import sys, vhs.raster; sys.exit('mujoco' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
