@@ -1,6 +1,6 @@
 """Time of one environment step in one process, split into physics, drawing and the rest.
 
-    python benchmarks/bench_env.py [--renderer mujoco] [--steps 2000] [--json FILE]
+    python benchmarks/bench_env.py [--renderer raster] [--steps 2000] [--json FILE]
 
 Checks its subject first: the oracle must solve episodes with images on, and the same seed must give the same
 bytes. Each number is the median over rounds, in microseconds of wall time; run it on an idle machine.
@@ -99,7 +99,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--renderer", default="mujoco", help="what draws the observations")
+    parser.add_argument("--renderer", default="raster", help="what draws the observations")
     parser.add_argument("--steps", type=int, default=2000, help="steps a round")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path, help="also write the numbers here")

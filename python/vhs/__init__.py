@@ -28,6 +28,7 @@ from vhs._core import (
     relabel,
 )
 from vhs.outcome import Outcome
+from vhs.raster import RasterRenderer
 
 __all__ = [
     "ArgumentError",
@@ -46,6 +47,7 @@ __all__ = [
     "Outcome",
     "ProtocolError",
     "Prototypes",
+    "RasterRenderer",
     "Rng",
     "ShapeError",
     "VhsError",

@@ -39,6 +39,8 @@ __all__ = [
     "OutOfMemoryError",
     "ProtocolError",
     "Prototypes",
+    "RasterCanvas",
+    "RasterScene",
     "Rng",
     "ShapeError",
     "VhsError",
@@ -654,6 +656,114 @@ def discounted_returns(
         ShapeError, DtypeError, LabelError, ArgumentError: For an argument that does not fit.
         NonFiniteError: For NaN or infinity inside an episode.
     """
+
+@final
+class RasterScene:
+    """What a renderer draws, while it is being collected; `vhs.RasterRenderer` fills it from a model.
+
+    Shapes and numbers are those of MuJoCo's model. A number that makes no picture raises ValueError, what is
+    not drawn NotImplementedError.
+    """
+
+    def __new__(cls, slices: int, stacks: int, quads: int, far: float) -> RasterScene:
+        """An empty scene: how finely round shapes and planes are divided, and the far plane in metres."""
+
+    def add_texture(self, is_cube: bool, data: NDArray[np.uint8]) -> int:
+        """Add a texture, uint8 [height, width, 3 or 4], and return its number."""
+
+    def add_mesh(
+        self,
+        vertices: NDArray[np.float32],
+        normals: NDArray[np.float32],
+        uv: NDArray[np.float32],
+        faces: NDArray[np.int32],
+        face_normals: NDArray[np.int32],
+        face_uv: NDArray[np.int32],
+    ) -> int:
+        """Add a mesh and return its number; no texture coordinates: `uv` and `face_uv` are empty."""
+
+    def add_geom(
+        self,
+        *,
+        kind: int,
+        size: Sequence[float],
+        mesh: int,
+        rgba: Sequence[float],
+        gloss: Sequence[float],
+        is_mirror: bool,
+        texture: int,
+        repeat: Sequence[float],
+        is_uniform: bool,
+        tag: Sequence[int],
+    ) -> None:
+        """Add a geom or site: MuJoCo's type, sizes in metres, mesh and texture (or -1), surface, tag."""
+
+    def add_light(
+        self, colours: Sequence[Sequence[float]], spot: Sequence[float] | None, is_headlight: bool
+    ) -> None:
+        """Add a light: ambient, diffuse, specular; for a spot attenuation (3), exponent, cutoff in degrees."""
+
+    def set_sky(self, texture: int, haze_rgb: Sequence[float], haze_proportion: float) -> None:
+        """Set the cube texture of the sky and the haze over the horizon."""
+
+@final
+class RasterCanvas:
+    """A picture of fixed size that draws one scene; the interpreter is released while it draws."""
+
+    def __new__(
+        cls, scene: RasterScene, geoms: int, lights: Sequence[int], height: int, width: int, antialias: int
+    ) -> RasterCanvas:
+        """A canvas of a scene.
+
+        Args:
+            scene: What it draws.
+            geoms: How many of the scene's geoms are geoms; the rest are sites.
+            lights: For each light its number in the model, -1 for the headlight.
+            height: Pixels.
+            width: Pixels.
+            antialias: 0 off, 1 multisample, 2 supersample.
+        """
+
+    def bind(
+        self,
+        geom_xpos: NDArray[np.float64],
+        geom_xmat: NDArray[np.float64],
+        site_xpos: NDArray[np.float64],
+        site_xmat: NDArray[np.float64],
+        light_xpos: NDArray[np.float64],
+        light_xdir: NDArray[np.float64],
+        cam_xpos: NDArray[np.float64],
+        cam_xmat: NDArray[np.float64],
+    ) -> None:
+        """Remember the arrays of one simulation; `update` reads them."""
+
+    def set_visible(self, is_visible: NDArray[np.bool_]) -> None:
+        """Say which geoms and then sites are drawn, bool [geoms + sites]."""
+
+    def update(
+        self,
+        fixed: int,
+        gaze: Sequence[Sequence[float]] | None,
+        lens: Sequence[float],
+        near: float,
+        far: float,
+    ) -> None:
+        """Read poses; look through fixed camera number `fixed`, or along `gaze` where that is -1."""
+
+    def draw(self, out: NDArray[np.uint8], is_planar: bool) -> None:
+        """Draw colours into uint8 [height, width, 3], or [3, height, width] where planar."""
+
+    def draw_depth(self, out: NDArray[np.float32]) -> None:
+        """Draw distances in metres into float32 [height, width]."""
+
+    def draw_tags(self, out: NDArray[np.int32]) -> None:
+        """Draw object number and type into int32 [height, width, 2]; -1 is background."""
+
+    @staticmethod
+    def orbit(
+        look_at: Sequence[float], distance: float, azimuth: float, elevation: float
+    ) -> tuple[list[float], list[float], list[float]]:
+        """Position, gaze and up vector of a camera that circles a point; angles in degrees."""
 
 class VhsError(Exception):
     """Base of everything that vhs refuses, except errors of the operating system (OSError)."""

@@ -34,7 +34,7 @@ class EnvSection(_Section):
 
     num_envs: PositiveInt = 8
     """Rooms stepped side by side (paper: 5 processes of one room)."""
-    renderer: str = "mujoco"
+    renderer: str = "raster"
     """What draws the camera image, as `vhs.envs` names it."""
     room: dict[str, Any] = Field(default_factory=dict)
     """Overrides of `vhs.envs.RoomConfig`, for example ``{turn_deg: 30}``."""

@@ -58,7 +58,7 @@ env = gymnasium.make("vhs/ObjectNav-v0", renderer="none")
 env.reset(seed=0)
 env.step(0)
 try:
-    gymnasium.make("vhs/ObjectNav-v0").reset(seed=0)
+    gymnasium.make("vhs/ObjectNav-v0", renderer="mujoco").reset(seed=0)
 except vhs.envs.NoOpenGLError as error:
     print("refused:", error)
 """

@@ -193,7 +193,7 @@ def test_no_opengl_is_one_clear_error(room: RoomEnv, monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(mujoco, "Renderer", refuse)
     with pytest.raises(NoOpenGLError, match=r"no display.*apt-get install libegl1 libgl1-mesa-dri") as caught:
-        MujocoImageSource(room.world.model, 84, 84)
+        MujocoImageSource(room.world.model, 84, 84, is_onlooker=False)
     assert isinstance(caught.value.__cause__, RuntimeError)
 
 

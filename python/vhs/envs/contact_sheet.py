@@ -31,7 +31,7 @@ _AWAY_M = 40.0
 """Where objects go that are not on show."""
 
 
-def contact_sheet(seed: int = 1, renderer: str = "mujoco") -> Image:
+def contact_sheet(seed: int = 1, renderer: str = "raster") -> Image:
     """Draw the sheet.
 
     Args:
@@ -60,7 +60,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Write a picture of the room, its views and its objects.")
     parser.add_argument("path", type=Path, help="PNG file to write")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--renderer", default="mujoco")
+    parser.add_argument("--renderer", default="raster")
     arguments = parser.parse_args()
     arguments.path.parent.mkdir(parents=True, exist_ok=True)
     arguments.path.write_bytes(png_bytes(contact_sheet(arguments.seed, arguments.renderer)))

@@ -57,7 +57,7 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         config: RoomConfig | None = None,
         *,
         render_mode: str | None = None,
-        renderer: str = "mujoco",
+        renderer: str = "raster",
         objects_dir: str | Path | None = None,
     ) -> None:
         """Load the room; nothing is drawn before the first reset.
@@ -153,7 +153,7 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         if self.render_mode is None:
             return None
         picture = np.empty((ONLOOKER_PX, ONLOOKER_PX, 3), np.uint8)
-        onlooker_source(self._room.model, ONLOOKER_PX).render(self.world.data, picture)
+        onlooker_source(self.renderer, self._room.model, ONLOOKER_PX).render(self.world.data, picture)
         return picture
 
     # -- true state, for oracle, evaluation and tests ------------------------------------------------------
