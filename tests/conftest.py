@@ -1,8 +1,15 @@
-"""Hypothesis profiles: `HYPOTHESIS_PROFILE=thorough` searches longer, the default is quick and repeatable."""
+"""Hypothesis profiles: `HYPOTHESIS_PROFILE=thorough` searches longer, the default is quick and repeatable.
+
+Also loads triton before any test opens an OpenGL context (see `vhs.envs.opengl`).
+"""
 
 import os
 
 from hypothesis import HealthCheck, settings
+
+from vhs.envs.opengl import load_triton_first
+
+load_triton_first()
 
 # No deadline: a machine that is busy elsewhere is not a bug.
 settings.register_profile("quick", max_examples=50, deadline=None, derandomize=True)

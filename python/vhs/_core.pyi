@@ -701,7 +701,7 @@ class RasterScene:
     def add_light(
         self, colours: Sequence[Sequence[float]], spot: Sequence[float] | None, is_headlight: bool
     ) -> None:
-        """Add a light: ambient, diffuse, specular; for a spot attenuation (3), exponent, cutoff in degrees."""
+        """Add a light: ambient, diffuse, specular; a spot: attenuation (3), exponent, cutoff in degrees."""
 
     def set_sky(self, texture: int, haze_rgb: Sequence[float], haze_proportion: float) -> None:
         """Set the cube texture of the sky and the haze over the horizon."""
