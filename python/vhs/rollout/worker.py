@@ -11,7 +11,6 @@ import enum
 import faulthandler
 import logging
 import mmap
-import os
 import pickle
 import signal
 from collections.abc import Callable
@@ -113,9 +112,6 @@ def work(setup: Setup) -> None:
     # A learner that was killed takes its workers with it, even from the middle of a step.
     RolloutWorker.end_with(setup.parent, setup.ends_by_signal)
     faulthandler.register(DUMP_SIGNAL, file=setup.stack_file.number, all_threads=True)
-    if setup.cpu is not None:
-        with contextlib.suppress(OSError):  # the core may have been taken away since
-            os.sched_setaffinity(0, {setup.cpu})
     loop = _Loop(setup)
     try:
         loop.run()
@@ -128,7 +124,7 @@ class _Loop:
         self._setup = setup
         self._observations = Nest(setup.observation_space, "observation")
         self._actions = Nest(setup.action_space, "action")
-        self._end = RolloutWorker(setup.memory.number, setup.sizes, setup.worker, setup.deadline_s)
+        self._end = RolloutWorker(setup.memory.number, setup.sizes, setup.worker, setup.deadline_s, setup.cpu)
         payloads, stride, observation, final, blobs, blob_stride, total = self._end.offsets
         # A mapping of its own, so that arrays over it keep it alive, whatever becomes of the Rust end.
         memory = np.frombuffer(mmap.mmap(setup.memory.number, total), np.uint8)

@@ -261,12 +261,21 @@ pub(crate) struct RolloutWorker {
 #[pymethods]
 impl RolloutWorker {
     #[new]
-    fn new(memory: i32, sizes: Sizes, worker: usize, deadline_s: Option<f64>) -> PyResult<Self> {
+    fn new(
+        memory: i32,
+        sizes: Sizes,
+        worker: usize,
+        deadline_s: Option<f64>,
+        cpu: Option<usize>,
+    ) -> PyResult<Self> {
         // SAFETY: the descriptor is borrowed for the duplication alone, and a wrong number is an error of that call.
         let memory: OwnedFd = unsafe { BorrowedFd::borrow_raw(memory) }.try_clone_to_owned()?;
         let mapping = Arc::new(checked(Mapping::open(memory, shape(sizes)))?);
         let limit = deadline_s.map(duration);
-        let end = checked(Worker::new(Arc::clone(&mapping), worker, limit))?;
+        let mut end = checked(Worker::new(Arc::clone(&mapping), worker, limit))?;
+        if let Some(cpu) = cpu {
+            end.pin(cpu);
+        }
         Ok(Self {
             worker: Mutex::new(end),
             mapping,

@@ -54,6 +54,57 @@ pub(crate) fn poll_readable(descriptors: &[RawFd], limit: Option<Duration>) -> V
     polls.iter().map(|poll| poll.revents != 0).collect()
 }
 
+/// This thread's tie to one core, which can be loosened: on a core that a foreign process keeps busy, a thread that is
+/// tied to it waits for whole time slices while others stand free.
+#[derive(Debug)]
+pub(crate) struct Pin {
+    home: libc::cpu_set_t,
+    everywhere: libc::cpu_set_t,
+    is_home: bool,
+}
+
+impl Pin {
+    /// Ties the thread to core `cpu`; `None` where it may not run there.
+    pub(crate) fn new(cpu: usize) -> Option<Self> {
+        // SAFETY: a set of cores is an array of bits, so zeros are one; the calls stay within its size, and `CPU_SET`
+        // panics for a number beyond it.
+        unsafe {
+            let mut everywhere: libc::cpu_set_t = std::mem::zeroed();
+            let size = size_of::<libc::cpu_set_t>();
+            checked(libc::sched_getaffinity(0, size, &raw mut everywhere)).ok()?;
+            if cpu >= size * 8 || !libc::CPU_ISSET(cpu, &everywhere) {
+                return None;
+            }
+            let mut home: libc::cpu_set_t = std::mem::zeroed();
+            libc::CPU_SET(cpu, &mut home);
+            let mut pin = Self {
+                home,
+                everywhere,
+                is_home: false,
+            };
+            pin.set(true);
+            Some(pin)
+        }
+    }
+
+    /// Ties the thread to its core, or lets it run wherever it could before.
+    pub(crate) fn set(&mut self, is_home: bool) {
+        if self.is_home == is_home {
+            return;
+        }
+        let cores = if is_home {
+            &self.home
+        } else {
+            &self.everywhere
+        };
+        // SAFETY: the set is valid and of the size told. A refusal leaves the thread where it is, which is no harm.
+        unsafe {
+            libc::sched_setaffinity(0, size_of::<libc::cpu_set_t>(), cores);
+        }
+        self.is_home = is_home;
+    }
+}
+
 /// Makes this process end when the process `parent` ends, however that happens, even in the middle of a step.
 ///
 /// A thread waits for it. Where `by_signal`, the kernel is asked too; it means the *thread* that started this process, so

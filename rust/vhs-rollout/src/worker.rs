@@ -7,6 +7,7 @@ use vhs_core::error::{Error, Result};
 
 use crate::clock::monotonic_ns;
 use crate::mapping::Mapping;
+use crate::process::Pin;
 use crate::ring::{Consumer, Producer};
 use crate::slot::{Answer, Command, Epoch, State};
 use crate::sync::Ordering;
@@ -35,6 +36,8 @@ pub struct Worker {
     waiter: Waiter,
     /// Time allowed for one command; `None` is no limit.
     limit: Option<Duration>,
+    /// A core of its own, as long as no foreign process crowds it.
+    pin: Option<Pin>,
 }
 
 impl Worker {
@@ -63,7 +66,13 @@ impl Worker {
             answers: Producer::default(),
             waiter: Waiter::default(),
             limit,
+            pin: None,
         })
+    }
+
+    /// Ties this thread to a core, except while a foreign process keeps that core busy.
+    pub fn pin(&mut self, cpu: usize) {
+        self.pin = Pin::new(cpu);
     }
 
     /// This worker's incarnation.
@@ -80,6 +89,9 @@ impl Worker {
             return task;
         }
         let mut wait = self.waiter.begin();
+        if let Some(pin) = &mut self.pin {
+            pin.set(!self.waiter.is_crowded());
+        }
         let until_ns = monotonic_ns().saturating_add(nanos(limit));
         loop {
             // The count is read before the rings: a command that comes between the two makes the sleep end at once.
