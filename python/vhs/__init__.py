@@ -4,6 +4,8 @@ This module is the storage and relabelling library: it needs numpy alone. The en
 training code are imported on their own.
 """
 
+from typing import TYPE_CHECKING, Any
+
 from vhs._core import (
     ArgumentError,
     DamagedFileError,
@@ -28,6 +30,9 @@ from vhs._core import (
 )
 from vhs.outcome import Outcome
 
+if TYPE_CHECKING:
+    from vhs.rollout import RolloutPool
+
 __version__ = "0.1.0"
 
 __all__ = [
@@ -48,8 +53,18 @@ __all__ = [
     "ProtocolError",
     "Prototypes",
     "Rng",
+    "RolloutPool",
     "ShapeError",
     "VhsError",
     "discounted_returns",
     "relabel",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    # The pool needs gymnasium, which the library alone does without.
+    if name == "RolloutPool":
+        from vhs.rollout import RolloutPool
+
+        return RolloutPool
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

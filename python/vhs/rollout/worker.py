@@ -204,8 +204,8 @@ class _Loop:
 
     def _step(self, env: Env, next_seed: int | None) -> Answer:
         action = self._actions.read(env.action_views)
-        observation, reward, terminated, truncated, info = env.env.step(action)
         env.step += 1
+        observation, reward, terminated, truncated, info = env.env.step(action)
         reward = float(reward)
         flags = (TERMINATED if terminated else 0) | (TRUNCATED if truncated else 0)
         is_rolled = flags and self._setup.autoreset is Autoreset.SAME_STEP
