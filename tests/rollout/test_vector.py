@@ -83,12 +83,14 @@ def test_disabled_autoreset_with_a_mask_equals_gymnasiums() -> None:
 
 
 def test_attributes_calls_and_rendering() -> None:
-    with RolloutVectorEnv(lambda: gym.make("CartPole-v1", render_mode="rgb_array"), 2, 1) as env:
+    with RolloutVectorEnv(lambda: gym.make("FrozenLake-v1", render_mode="ansi"), 2, 1) as env:
         env.reset(seed=0)
-        assert env.render_mode == "rgb_array"
+        assert env.render_mode == "ansi"
         frames = env.render()
         assert len(frames) == 2
-        assert frames[0].shape == (400, 600, 3)
+        assert "FFHF" not in frames[0]
+        assert "SFFF" in frames[0].replace("\x1b[41mS\x1b[0m", "S")
+    with RolloutVectorEnv(cart_pole, 2, 1) as env:
         env.set_attr("gravity", [1.0, 2.0])
         assert env.get_attr("gravity") == (1.0, 2.0)
         assert env.call("get_wrapper_attr", "gravity") == (1.0, 2.0)

@@ -116,6 +116,9 @@ class RolloutPool:
         self._closed = True  # until everything stands: `close` then has nothing to undo
         self._on_error = _checked_policy(on_error)
         self.autoreset = Autoreset(autoreset)
+        for name, size in (("num_workers", num_workers), ("envs_per_worker", envs_per_worker)):
+            if size < 1:
+                raise ArgumentError(f"`{name}`: expected a number of at least 1, got {size}")
         self.num_workers, self.envs_per_worker = num_workers, envs_per_worker
         self.num_envs = num_workers * envs_per_worker
         context = find_context(start_method)
@@ -140,6 +143,7 @@ class RolloutPool:
         """Failures in a row to begin an episode, by environment."""
         self._barren_deaths = [0] * num_workers
         self._called: dict[int, Any] = {}
+        """Results of the call under way, by environment; a `Failure` where one raised."""
         cores = cores_for(num_workers, pin)
         self._stack_files = [new_stack_file(worker) for worker in range(num_workers)]
         self._workers = [
@@ -294,6 +298,9 @@ class RolloutPool:
             # A call is answered by a notice alone, so a batch is never ready and this looks after notices and deaths.
             self._end.wait(1, SLICE_S)
             self._attend(during_call=True)
+        for result in self._called.values():
+            if isinstance(result, Failure):
+                raise result.exception()
         return tuple(self._called.get(env) for env in range(self.num_envs))
 
     # -- state -------------------------------------------------------------------------------------------------------
@@ -371,17 +378,17 @@ class RolloutPool:
         for env, flags, blob_bytes in self._end.take_notices():
             self._under_way -= 1
             found = pickle.loads(self._blob(env, blob_bytes))
-            if flags & FAILED:
-                failures.append(found)
+            if during_call:
+                self._called[env] = found if flags & FAILED else found["result"]
             else:
-                self._called[env] = found["result"]
+                failures.append(found)
         for position, failure in enumerate(failures):
             # Should this one raise, those after it are still seen to: their environments wait for a reset.
-            self._fail(failure, failures[position + 1 :], during_call=during_call)
+            self._fail(failure, failures[position + 1 :])
 
-    def _fail(self, failure: Failure, others: Iterable[Failure], *, during_call: bool) -> None:
+    def _fail(self, failure: Failure, others: Iterable[Failure]) -> None:
         error = failure.exception()
-        if during_call or self._on_error == "raise":
+        if self._on_error == "raise":
             for other in others:
                 _log.error("%s %s as well\n%s", other.kind, other.where(), other.text)
             raise error

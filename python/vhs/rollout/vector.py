@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Self
 
 import gymnasium
 import numpy as np
@@ -124,6 +124,14 @@ class RolloutVectorEnv(VectorEnv[Any, Any, Arrays]):
     def close_extras(self, **kwargs: Any) -> None:
         """End the workers."""
         self.pool.close()
+
+    def __enter__(self) -> Self:
+        """The vector itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close it."""
+        self.close()
 
     def _infos(self, batch: Batch) -> dict[str, Any]:
         infos: dict[str, Any] = {}

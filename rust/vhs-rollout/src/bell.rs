@@ -6,7 +6,8 @@
 //! compares the whole word, which closes the gap between setting the flag and falling asleep.
 //!
 //! The sleeper also says at which count it wants to be woken: a learner that waits for 64 environments is not woken 64
-//! times.
+//! times. What must wake it whatever it waits for is an alarm, a flag of its own: as a mere stroke it could fall between
+//! the owner's last look and its sleep, and be slept over.
 
 use std::time::Duration;
 
@@ -14,8 +15,10 @@ use crate::sync::{AtomicU32, Ordering, Parking};
 
 /// The word's lowest bit: its owner sleeps, or is about to.
 const ASLEEP: u32 = 1;
-/// One stroke; the count is the upper 31 bits, wrapping.
-const STROKE: u32 = 2;
+/// The second bit: something happened that ends the next sleep, or the present one, at once.
+const ALARM: u32 = 2;
+/// One stroke; the count is the upper 30 bits, wrapping.
+const STROKE: u32 = 4;
 
 /// A bell with one owner, who sleeps, and any number of strikers.
 #[repr(C, align(128))]
@@ -32,7 +35,7 @@ pub struct Bell {
 pub struct Count(u32);
 
 impl Count {
-    /// The count after `strokes` more; less than 2^30, so that wrapping cannot confuse.
+    /// The count after `strokes` more; less than 2^29, so that wrapping cannot confuse.
     #[must_use]
     pub const fn plus(self, strokes: u32) -> Self {
         Self(self.0.wrapping_add(strokes.wrapping_mul(STROKE)))
@@ -43,7 +46,7 @@ impl Count {
     }
 
     const fn of(word: u32) -> Self {
-        Self(word & !ASLEEP)
+        Self(word & !(ASLEEP | ALARM))
     }
 }
 
@@ -73,10 +76,9 @@ impl Bell {
         }
     }
 
-    /// One stroke that wakes the owner whatever it waits for: a death, an end.
+    /// Ends the owner's present or next sleep, after something was published that it must see: a death, an end.
     pub fn alarm(&self) {
-        self.word.fetch_add(STROKE, Ordering::AcqRel);
-        self.word.fetch_and(!ASLEEP, Ordering::AcqRel);
+        self.word.fetch_or(ALARM, Ordering::AcqRel);
         // Whatever the flag says: a striker may have died after it took the flag and before it woke the sleeper.
         self.parking.wake(&self.word);
     }
@@ -85,15 +87,16 @@ impl Bell {
     pub fn sleep_until(&self, target: Count, limit: Duration) {
         self.wake_at.store(target.0, Ordering::Relaxed);
         let word = self.word.fetch_or(ASLEEP, Ordering::AcqRel) | ASLEEP;
-        if !Count::of(word).has_reached(target) {
+        if word & ALARM == 0 && !Count::of(word).has_reached(target) {
             self.parking.wait(&self.word, word, limit);
         }
-        self.word.fetch_and(!ASLEEP, Ordering::AcqRel);
+        // Takes an alarm with it: the owner looks for its cause next, and Acquire shows that.
+        self.word.fetch_and(!(ASLEEP | ALARM), Ordering::AcqRel);
     }
 
     /// Silences the bell for a new owner. Only for who knows that the old one is dead, perhaps in its sleep.
     pub fn clear(&self) {
-        self.word.fetch_and(!ASLEEP, Ordering::AcqRel);
+        self.word.fetch_and(!(ASLEEP | ALARM), Ordering::AcqRel);
     }
 
     /// Takes the flag and wakes. Of several strikers only the one that takes the flag pays for the system call.
