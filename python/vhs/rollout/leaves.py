@@ -68,6 +68,7 @@ class Nest:
             leaf = Leaf(path, np.dtype(dtype), shape, self.nbytes, isinstance(part, spaces.Discrete))
             self.leaves.append(leaf)
             self.nbytes += -(-leaf.nbytes // ALIGNMENT) * ALIGNMENT
+        self._sizes = [leaf.nbytes for leaf in self.leaves]
         self._space = space
         self._is_flat = not isinstance(space, spaces.Dict | spaces.Tuple)
         self.floats = [index for index, leaf in enumerate(self.leaves) if leaf.dtype.kind in "fc"]
@@ -94,6 +95,12 @@ class Nest:
             ShapeError: a part has another shape than its space.
             DtypeError: a part cannot be stored in the type of its space.
         """
+        if self._is_flat and type(value) is np.ndarray:
+            # The most frequent case, at the price of three comparisons.
+            (view,) = views
+            if value.dtype == view.dtype and value.shape == view.shape:
+                view[...] = value
+                return
         for leaf, view, part in zip(self.leaves, views, self.split(value), strict=True):
             # Without the check, numpy would broadcast whatever fits.
             shape = part.shape if isinstance(part, np.ndarray) else np.shape(part)
@@ -107,14 +114,17 @@ class Nest:
 
     def read(self, views: Sequence[NDArray[Any]]) -> Any:
         """A nested value of its own: nothing in it lies in the arrays."""
+        if self._is_flat:
+            view = views[0]
+            return view[()] if self.leaves[0].is_scalar else view.copy()
         items = [
             view[()] if leaf.is_scalar else view.copy()
             for leaf, view in zip(self.leaves, views, strict=True)
         ]
-        return items[0] if self._is_flat else self.join(items)
+        return self.join(items)
 
-    def rows(self, values: Any, count: int) -> list[NDArray[Any]]:
-        """A nested batch as contiguous arrays of the leaves' types.
+    def rows(self, values: Any, count: int) -> list[tuple[int, int, NDArray[Any]]]:
+        """A nested batch as contiguous arrays of the leaves' types, each with its leaf's offset and size in bytes.
 
         Args:
             values: nested arrays or sequences, first dimension `count`; tensors on the CPU will do.
@@ -125,8 +135,8 @@ class Nest:
             DtypeError: a part cannot be stored in the type of its space.
         """
         return [
-            self._row_array(leaf, part, count)
-            for leaf, part in zip(self.leaves, self.split(values), strict=True)
+            (leaf.offset, size, self._row_array(leaf, part, count))
+            for leaf, size, part in zip(self.leaves, self._sizes, self.split(values), strict=True)
         ]
 
     def _row_array(self, leaf: Leaf, part: Any, count: int) -> NDArray[Any]:
@@ -134,7 +144,7 @@ class Nest:
         if array.shape != (count, *leaf.shape):
             expected = (count, *leaf.shape)
             raise ShapeError(f"{self.what}s{leaf.name}: expected shape {expected}, got {array.shape}")
-        if array.dtype != leaf.dtype:
+        if array.dtype is not leaf.dtype and array.dtype != leaf.dtype:
             if not np.can_cast(array.dtype, leaf.dtype, casting="same_kind"):
                 raise DtypeError(f"{self.what}s{leaf.name}: expected {leaf.dtype}, got {array.dtype}")
             array = array.astype(leaf.dtype)

@@ -128,7 +128,6 @@ class RolloutPool:
         self.single_action_space = self.description.action_space
         self._observations = Nest(self.single_observation_space, "observation")
         self._actions = Nest(self.single_action_space, "action")
-        self._action_parts = [(leaf.offset, leaf.nbytes) for leaf in self._actions.leaves]
         sizes = (num_workers, envs_per_worker, self._actions.nbytes, self._observations.nbytes, info_bytes)
         leaves = [(leaf.offset, leaf.nbytes) for leaf in self._observations.leaves]
         self._end = RolloutLearner(sizes, leaves, _checked_seed(seed), deadline_s, int(DUMP_SIGNAL))
@@ -139,6 +138,7 @@ class RolloutPool:
         self._under_way = 0
         """Environments with a command whose answer has not been received."""
         self._dropped: set[int] = set()
+        self._active = np.arange(self.num_envs)
         self._barren = [0] * self.num_envs
         """Failures in a row to begin an episode, by environment."""
         self._barren_deaths = [0] * num_workers
@@ -233,12 +233,7 @@ class RolloutPool:
         self._check_open()
         ids = self._ids(env_ids)
         count = len(ids)
-        rows = self._actions.rows(actions, count)
-        parts = [
-            (offset, nbytes, array.reshape(-1).view(np.uint8))
-            for (offset, nbytes), array in zip(self._action_parts, rows, strict=True)
-        ]
-        self._end.send(ids, parts, STEP, version, b"")
+        self._end.send(ids, self._actions.rows(actions, count), STEP, version, b"")
         self._under_way += count
 
     def recv(self, min_envs: int | None = None, timeout: float | None = None) -> Batch:
@@ -262,9 +257,16 @@ class RolloutPool:
         if not 0 < wanted <= self._under_way:
             found = f"{self._under_way} under way"
             raise ProtocolError(f"`recv`: expected 1 to as many environments as have a command, found {found}")
-        self._wait(wanted, timeout, is_lockstep=min_envs is None)
         block = self._blocks.take()
-        rows, finals, notable = self._end.fill(block.bytes)
+        until = math.inf if timeout is None else time.monotonic() + timeout
+        slice_s = SLICE_S if timeout is None else min(SLICE_S, timeout)
+        while (filled := self._end.recv(block.bytes, wanted, slice_s)) is None:
+            self._attend()
+            wanted = self._still_wanted(wanted, is_lockstep=min_envs is None)
+            slice_s = min(SLICE_S, until - time.monotonic())
+            if slice_s <= 0.0:
+                raise TimeoutError(f"expected {wanted} environments to answer within {timeout} s, found fewer")
+        rows, finals, notable = filled
         self._under_way -= rows
         batch = Batch(block, rows, finals, self._observations)
         if notable:
@@ -318,9 +320,7 @@ class RolloutPool:
     @property
     def active_env_ids(self) -> NDArray[np.int64]:
         """Environments that have not been dropped, ascending."""
-        if not self._dropped:
-            return np.arange(self.num_envs)
-        return np.array([env for env in range(self.num_envs) if env not in self._dropped], np.int64)
+        return self._active.copy()
 
     @property
     def num_under_way(self) -> int:
@@ -358,17 +358,13 @@ class RolloutPool:
 
     # -- waiting and repairing ---------------------------------------------------------------------------------------
 
-    def _wait(self, wanted: int, timeout: float | None, *, is_lockstep: bool) -> None:
-        until = math.inf if timeout is None else time.monotonic() + timeout
-        while not self._end.wait(wanted, min(SLICE_S, max(0.0, until - time.monotonic()))):
-            self._attend()
-            # An environment that was dropped meanwhile will never answer.
-            if wanted > self._under_way:
-                if self._under_way == 0 or not is_lockstep:
-                    raise WorkerError(f"expected {wanted} answers, but environments were dropped")
-                wanted = self._under_way
-            if time.monotonic() >= until:
-                raise TimeoutError(f"expected {wanted} environments to answer within {timeout} s, found fewer")
+    def _still_wanted(self, wanted: int, *, is_lockstep: bool) -> int:
+        """How many answers to wait for: an environment that was dropped meanwhile will never answer."""
+        if wanted <= self._under_way:
+            return wanted
+        if self._under_way == 0 or not is_lockstep:
+            raise WorkerError(f"expected {wanted} answers, but environments were dropped")
+        return self._under_way
 
     def _attend(self, *, during_call: bool = False) -> None:
         """See to the dead and to environments with something to say."""
@@ -395,6 +391,7 @@ class RolloutPool:
         _log.warning("%s %s: %s\n%s", failure.kind, failure.where(), self._on_error, failure.text)
         if self._on_error == "drop":
             self._dropped.add(failure.env)
+            self._active = self._active[self._active != failure.env]
             return
         is_beginning = failure.call == "reset" or failure.step == 0
         self._barren[failure.env] = self._barren[failure.env] + 1 if is_beginning else 0
@@ -450,7 +447,7 @@ class RolloutPool:
 
     def _ids(self, env_ids: ArrayLike | None) -> NDArray[np.int64]:
         if env_ids is None:
-            return self.active_env_ids
+            return self._active
         ids = np.asarray(env_ids)
         if self._dropped:
             gone = sorted(self._dropped.intersection(ids.tolist()))

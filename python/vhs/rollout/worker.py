@@ -92,18 +92,9 @@ class Env:
     step: int = 0
 
 
-@dataclass(slots=True)
-class Answer:
-    """What goes back to the learner."""
-
-    flags: int = 0
-    reward: float = 0.0
-    step: int = 0
-    info: dict[str, Any] | None = None
-
-
-class NonFiniteValue(Exception):  # noqa: N818 - never leaves this module
-    """A NaN was found; the argument says where."""
+Info = dict[str, Any] | None
+Answer = tuple[int, float, int, Info]
+"""What goes back to the learner: flags, reward, steps taken, info."""
 
 
 def work(setup: Setup) -> None:
@@ -162,18 +153,18 @@ class _Loop:
             _discard(env)
 
     def _answer(self, env: Env, code: int, version: int, next_seed: int | None, blob_bytes: int) -> None:
+        blob = b""
         try:
-            answer = self._do(env, code, next_seed, blob_bytes)
-            blob = self._packed(answer.info) if answer.info else b""
+            flags, reward, step, info = self._do(env, code, next_seed, blob_bytes)
+            if info:
+                blob = self._packed(info)
         except Exception as error:  # whatever a user's environment raises travels to the learner
-            answer, blob = self._failed(env, code, error)
-        flags = answer.flags
+            flags, reward, step = FAILED, 0.0, env.step
+            blob = self._failure(env, code, error)
         if blob:
             env.blob[: len(blob)] = np.frombuffer(blob, np.uint8)
             flags |= BLOB
-        self._end.commit(
-            env.local, flags, answer.reward, answer.step, env.seed or 0, len(blob), version
-        )
+        self._end.commit(env.local, flags, reward, step, env.seed or 0, len(blob), version)
 
     def _do(self, env: Env, code: int, next_seed: int | None, blob_bytes: int) -> Answer:
         if code == STEP and env.state is State.RUNNING:
@@ -186,7 +177,7 @@ class _Loop:
             )
         options = pickle.loads(env.blob[:blob_bytes]) if blob_bytes else None
         info = self._begin(env, next_seed, options)
-        return Answer(FIRST, info=info)
+        return FIRST, 0.0, 0, info
 
     def _begin(self, env: Env, seed: int | None, options: dict[str, Any] | None) -> dict[str, Any]:
         if env.env is None:
@@ -196,7 +187,7 @@ class _Loop:
         env.seed, env.step = seed, 0
         observation, info = env.env.reset(seed=seed, options=options)
         self._observations.write(env.observation_views, observation)
-        where = self._find_nan(env)
+        where = self._find_nan(env.observation_views)
         if where is not None:
             raise ValueError(f"reset: expected numbers, found NaN in {where}")
         env.state = State.RUNNING
@@ -212,23 +203,25 @@ class _Loop:
         views = env.final_views if is_rolled else env.observation_views
         self._observations.write(views, observation)
         # NaN is the one number that differs from itself.
-        where = "the reward" if reward != reward else self._find_nan(env, views)
+        where = "the reward" if reward != reward else None
+        if where is None and self._observations.floats:
+            where = self._find_nan(views)
         if where is not None:
             return self._quarantine(env, where, next_seed)
         if not is_rolled:
             if flags:
                 env.state = State.ENDED
-            return Answer(flags, reward, env.step, dict(info) if info else None)
+            return flags, reward, env.step, info
         step = env.step
         first_info = self._begin(env, next_seed, None)
         infos = {"final_info": dict(as_mapping(info)), **first_info}
-        return Answer(flags | FINAL | FIRST, reward, step, infos)
+        return flags | FINAL | FIRST, reward, step, infos
 
     def _quarantine(self, env: Env, where: str, next_seed: int | None) -> Answer:
         """Drop the episode that showed a NaN and begin the next."""
         report = {"where": where, "seed": env.seed, "step": env.step}
         info = self._begin(env, next_seed, None)
-        return Answer(FIRST | CUT | QUARANTINED, info={"quarantine": report, **info})
+        return FIRST | CUT | QUARANTINED, 0.0, 0, {"quarantine": report, **info}
 
     def _call(self, env: Env, blob_bytes: int) -> Answer:
         name, arguments, keywords = pickle.loads(env.blob[:blob_bytes])
@@ -240,9 +233,9 @@ class _Loop:
         else:
             found = env.env.get_wrapper_attr(name)
         result = found(*arguments, **keywords) if callable(found) else found
-        return Answer(CALLED, info={"result": result})
+        return CALLED, 0.0, 0, {"result": result}
 
-    def _failed(self, env: Env, code: int, error: Exception) -> tuple[Answer, bytes]:
+    def _failure(self, env: Env, code: int, error: Exception) -> bytes:
         call = {STEP: "step", BEGIN: "reset", CALL: "call"}[code]
         failure = Failure.of(
             error, worker=self._setup.worker, env=env.number, seed=env.seed, step=env.step, call=call
@@ -250,11 +243,11 @@ class _Loop:
         if code != CALL:
             # Who raised once may be broken: the next episode gets a new one.
             _discard(env)
-        return Answer(FAILED, step=env.step), failure.packed(len(env.blob))
+        return failure.packed(len(env.blob))
 
-    def _find_nan(self, env: Env, views: list[Any] | None = None) -> str | None:
+    def _find_nan(self, views: list[Any]) -> str | None:
         for index in self._observations.floats:
-            if np.isnan((views or env.observation_views)[index]).any():
+            if np.isnan(views[index]).any():
                 return f"observation{self._observations.leaves[index].name}"
         return None
 

@@ -1,10 +1,10 @@
 //! `vhs._core.RolloutLearner` and `RolloutWorker`: the two ends of a pool, for `vhs.rollout` alone.
 
 use std::os::fd::{AsRawFd, BorrowedFd, OwnedFd};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError, TryLockError};
 use std::time::Duration;
 
-use numpy::PyReadonlyArrayDyn;
+use numpy::{PyArrayDescrMethods, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use vhs_rollout::batch::Leaf;
 use vhs_rollout::layout::{Layout, Shape};
@@ -16,14 +16,15 @@ use vhs_rollout::slot::Answer;
 use vhs_rollout::watch::Watch;
 use vhs_rollout::worker::{Task, Worker};
 
-use crate::arrays::{checked, detached, exclusive, integer_vec, slice};
+use crate::arrays::{check_vector, checked, detached, exclusive, integer_vec, integers, slice};
+use crate::error::layout;
 
 /// The five sizes of a pool, in the order of `Shape`'s fields.
 type Sizes = (usize, usize, usize, usize, usize);
 /// Offset and size of a part of an observation.
 type Part = (usize, usize);
-/// Offset in the payload, bytes a row, and the rows as bytes.
-type ActionPart<'py> = (usize, usize, PyReadonlyArrayDyn<'py, u8>);
+/// Offset in the payload, bytes a row, and the rows: an array of whatever type, contiguous.
+type ActionPart<'py> = (usize, usize, Bound<'py, PyUntypedArray>);
 
 fn shape(sizes: Sizes) -> Shape {
     Shape {
@@ -55,6 +56,40 @@ fn duration(seconds: f64) -> Duration {
         Duration::from_secs_f64(seconds.min(YEAR_S))
     } else {
         Duration::ZERO
+    }
+}
+
+/// The bytes of an action's array, where they lie.
+fn rows_of<'a>(part: &'a ActionPart<'_>) -> PyResult<Rows<'a>> {
+    let (offset, row_bytes, array) = part;
+    if !array.is_c_contiguous() {
+        return Err(layout("actions", "a C-contiguous array", "one with gaps"));
+    }
+    // SAFETY: a contiguous array has so many bytes behind its pointer. They are read while the interpreter is held, so
+    // no Python code changes or frees them meanwhile.
+    let bytes = unsafe {
+        let data = (*array.as_array_ptr()).fields.data.cast::<u8>();
+        std::slice::from_raw_parts(data, array.len() * array.dtype().itemsize())
+    };
+    Ok(Rows {
+        offset: *offset,
+        row_bytes: *row_bytes,
+        bytes,
+    })
+}
+
+/// Runs short work on what the mutex guards without letting the interpreter go, unless another thread has the lock.
+fn attached<T, R>(py: Python<'_>, shared: &Mutex<T>, work: impl FnOnce(&mut T) -> R) -> R
+where
+    T: Send,
+{
+    loop {
+        match shared.try_lock() {
+            Ok(mut guard) => return work(&mut guard),
+            Err(TryLockError::Poisoned(error)) => return work(&mut error.into_inner()),
+            // The other thread waits in `recv`; wait for it without the interpreter, which it may want.
+            Err(TryLockError::WouldBlock) => detached(py, shared, |_| ()),
+        }
     }
 }
 
@@ -142,17 +177,13 @@ impl RolloutLearner {
         version: i64,
         blob: &[u8],
     ) -> PyResult<()> {
-        let envs = integer_vec("env_ids", env_ids)?;
-        let rows: Vec<Rows<'_>> = actions
-            .iter()
-            .map(|(offset, row_bytes, bytes)| Rows {
-                offset: *offset,
-                row_bytes: *row_bytes,
-                bytes: slice(bytes),
-            })
-            .collect();
-        checked(detached(py, &self.pool, |pool| {
-            pool.send(&envs, &rows, code, version, blob)
+        let envs = integers("env_ids", env_ids)?;
+        check_vector("env_ids", envs.shape())?;
+        let rows: PyResult<Vec<Rows<'_>>> = actions.iter().map(rows_of).collect();
+        let rows = rows?;
+        // Nothing here waits or takes long, so the interpreter is kept, and with it the actions as they are.
+        checked(attached(py, &self.pool, |pool| {
+            pool.send(slice(&envs), &rows, code, version, blob)
         }))
     }
 
@@ -161,11 +192,20 @@ impl RolloutLearner {
         detached(py, &self.pool, |pool| pool.wait(wanted, limit)) == Waited::Ready
     }
 
-    fn fill(&self, py: Python<'_>, block: &Bound<'_, PyAny>) -> PyResult<(usize, usize, usize)> {
+    fn recv(
+        &self,
+        py: Python<'_>,
+        block: &Bound<'_, PyAny>,
+        wanted: usize,
+        limit_s: f64,
+    ) -> PyResult<Option<(usize, usize, usize)>> {
         let mut block = exclusive::<u8>(block, &[self.block_bytes])?;
-        let bytes = block.as_slice_mut()?;
-        let filled = checked(detached(py, &self.pool, |pool| pool.fill(bytes)))?;
-        Ok((filled.rows, filled.finals, filled.notable))
+        let (bytes, limit) = (block.as_slice_mut()?, duration(limit_s));
+        let filled = detached(py, &self.pool, |pool| match pool.wait(wanted, limit) {
+            Waited::Ready => pool.fill(bytes).map(Some),
+            Waited::Paused => Ok(None),
+        });
+        Ok(checked(filled)?.map(|filled| (filled.rows, filled.finals, filled.notable)))
     }
 
     #[expect(
@@ -293,8 +333,12 @@ impl RolloutWorker {
     }
 
     fn next(&self, py: Python<'_>, limit_s: f64) -> (i64, u32, i64, Option<u64>, u32) {
-        let limit = duration(limit_s);
-        match detached(py, &self.worker, |worker| worker.next(limit)) {
+        // A command that has come already is worth no release of the interpreter.
+        let task = attached(py, &self.worker, Worker::poll).unwrap_or_else(|| {
+            let limit = duration(limit_s);
+            detached(py, &self.worker, |worker| worker.next(limit))
+        });
+        match task {
             Task::Command(env, command) => (
                 i64::try_from(env).unwrap_or(i64::MAX),
                 command.code,
@@ -318,6 +362,7 @@ impl RolloutWorker {
     )]
     fn commit(
         &self,
+        py: Python<'_>,
         env: usize,
         flags: u32,
         reward: f64,
@@ -334,9 +379,9 @@ impl RolloutWorker {
             blob_bytes,
             version,
         };
-        // Nothing here waits, so the interpreter is kept: letting it go would cost more than the call.
-        let mut worker = self.worker.lock().unwrap_or_else(PoisonError::into_inner);
-        checked(worker.commit(env, &answer))
+        checked(attached(py, &self.worker, |worker| {
+            worker.commit(env, &answer)
+        }))
     }
 
     #[staticmethod]

@@ -83,11 +83,11 @@ impl Worker {
 
     /// The next command, waiting for it for about `limit`.
     pub fn next(&mut self, limit: Duration) -> Task {
-        let mapping = Arc::clone(&self.mapping);
-        let (header, post) = (mapping.header(), mapping.post(self.number));
         if let Some(task) = self.poll() {
             return task;
         }
+        let mapping = Arc::clone(&self.mapping);
+        let (header, post) = (mapping.header(), mapping.post(self.number));
         let mut wait = self.waiter.begin();
         if let Some(pin) = &mut self.pin {
             pin.set(!self.waiter.is_crowded());
@@ -126,7 +126,7 @@ impl Worker {
     /// [`Error::Protocol`] when this worker does not hold the slot.
     pub fn commit(&mut self, local: usize, answer: &Answer) -> Result<()> {
         let env = self.env(local)?;
-        let mapping = Arc::clone(&self.mapping);
+        let mapping = &self.mapping;
         let post = mapping.post(self.number);
         let done = mapping.slot(env).commit(self.epoch, answer);
         done.map_err(|found| refused("commit", env, State::Stepping, found))?;
@@ -137,16 +137,16 @@ impl Worker {
         Ok(())
     }
 
-    fn poll(&mut self) -> Option<Task> {
-        let mapping = Arc::clone(&self.mapping);
-        let post = mapping.post(self.number);
-        while let Some(env) = self.commands.pop(&post.commands) {
+    /// The next command, if it has come already.
+    pub fn poll(&mut self) -> Option<Task> {
+        let ring = &self.mapping.post(self.number).commands;
+        while let Some(env) = self.commands.pop(ring) {
             let env = env as usize;
             let Some(local) = self.local(env) else {
                 continue;
             };
             // A command that cannot be claimed was meant for an earlier incarnation.
-            if let Ok(command) = mapping.slot(env).claim(self.epoch) {
+            if let Ok(command) = self.mapping.slot(env).claim(self.epoch) {
                 if let Some(limit) = self.limit {
                     self.set_deadline(monotonic_ns().saturating_add(nanos(limit)));
                 }
