@@ -1,11 +1,12 @@
-"""Time of one environment step through the rollout pool, beside gymnasium, Stable-Baselines3 and the bare minimum.
+"""Time of one environment step through the rollout pool, beside gymnasium, SB3 and the bare minimum.
 
     python benchmarks/bench_rollout.py [--rounds 5] [--seconds 0.4] [--quick] [--json FILE]
 
-Checks its subject first: every step of every environment must arrive once, in order and whole. The environment burns
-CPU time (not wall time: a preempted one burns on) and shows a uint8 (6, 84, 84) observation. Contenders take turns
-within a round; each number is the median over rounds, in microseconds of wall time a step over all environments. The
-pool runs first-ready (`recv(1)`) where nothing else is said. Stable-Baselines3 is measured where it is installed.
+Checks its subject first: every step of every environment must arrive once, in order and whole. The
+environment burns CPU time (not wall time: a preempted one burns on) and shows a uint8 (6, 84, 84)
+observation. Contenders take turns within a round; each number is the median over rounds, in microseconds of
+wall time a step over all environments. The pool runs first-ready (`recv(1)`) where nothing else is said.
+Stable-Baselines3 is measured where it is installed.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium.vector import AsyncVectorEnv
-from rollout_floor import RawLoop
 
+from rollout_floor import RawLoop
 from vhs.rollout import RolloutPool
 
 SHAPE = (6, 84, 84)
@@ -185,7 +186,9 @@ def make_cases() -> dict[str, dict[str, Contender]]:
     for workers in (2, 5):
         cases[f"0 us, {workers} workers, busy neighbour"] = {
             "pool": partial(with_neighbour, partial(pool_first_ready, workers, 1, 0.0)),
-            "pool lock-step": partial(with_neighbour, partial(pool_first_ready, workers, 1, 0.0, wanted=None)),
+            "pool lock-step": partial(
+                with_neighbour, partial(pool_first_ready, workers, 1, 0.0, wanted=None)
+            ),
             "raw loop": partial(with_neighbour, partial(raw_loop, workers, 1, 0.0)),
             "gymnasium": partial(with_neighbour, partial(gymnasium_async, workers, 0.0)),
         }
@@ -200,7 +203,9 @@ def make_cases() -> dict[str, dict[str, Contender]]:
     return cases
 
 
-def measure(cases: dict[str, dict[str, Contender]], rounds: int, seconds: float) -> dict[str, dict[str, float]]:
+def measure(
+    cases: dict[str, dict[str, Contender]], rounds: int, seconds: float
+) -> dict[str, dict[str, float]]:
     """Medians over rounds; contenders take turns."""
     samples: dict[str, dict[str, list[float]]] = {case: {} for case in cases}
     for case, contenders in cases.items():
@@ -209,7 +214,9 @@ def measure(cases: dict[str, dict[str, Contender]], rounds: int, seconds: float)
                 samples[case].setdefault(name, []).append(contender(seconds))
         print(".", end="", flush=True)
     print()
-    return {case: {name: statistics.median(times) for name, times in row.items()} for case, row in samples.items()}
+    return {
+        case: {name: statistics.median(times) for name, times in row.items()} for case, row in samples.items()
+    }
 
 
 def print_table(table: dict[str, dict[str, float]]) -> None:

@@ -1,7 +1,7 @@
 """The least that any scheduler pays: shared memory, a byte a worker, `sched_yield`, and nothing else.
 
-No sleeping, no deaths, no seeds, no infos; pure waiting by yielding. It is what `bench_rollout.py` measures against, and
-what collapses once somebody else wants the cores.
+No sleeping, no deaths, no seeds, no infos; pure waiting by yielding. It is what `bench_rollout.py` measures
+against, and what collapses once somebody else wants the cores.
 """
 
 from __future__ import annotations

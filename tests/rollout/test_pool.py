@@ -258,7 +258,9 @@ def test_settings_out_of_range_are_refused(wrong: dict[str, Any], message: str) 
 def test_a_wrong_observation_is_an_error_that_names_the_part() -> None:
     with RolloutPool(WrongShape, 1) as pool:
         pool.reset()
-        with pytest.raises(ShapeError, match=r"observation\['bytes'\]: expected shape \(20000,\), got \(3,\)"):
+        with pytest.raises(
+            ShapeError, match=r"observation\['bytes'\]: expected shape \(20000,\), got \(3,\)"
+        ):
             pool.recv()
 
 
@@ -286,7 +288,7 @@ def test_a_timeout_loses_nothing() -> None:
 
 
 def test_a_space_without_a_fixed_size_is_refused() -> None:
-    with pytest.raises(TypeError, match="observation space: expected Box.*got Text"):
+    with pytest.raises(TypeError, match=r"observation space: expected Box.*got Text"):
         RolloutPool(Talking, 1)
 
 
@@ -329,7 +331,9 @@ def test_idle_workers_and_an_idle_learner_take_next_to_no_time() -> None:
         time.sleep(0.3)
 
         def spent_s() -> list[float]:
-            ticks = [Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[11:13] for pid in pool.pids]
+            ticks = [
+                Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[11:13] for pid in pool.pids
+            ]
             return [sum(map(int, pair)) / os.sysconf("SC_CLK_TCK") for pair in ticks]
 
         before = spent_s()

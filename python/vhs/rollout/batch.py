@@ -1,12 +1,14 @@
 """Batches and the recycled memory they lie in.
 
-A block has a column for each field with room for all environments. A batch is a view of a block's first rows. A block is
-filled again only when no array of its last batch is left anywhere: arrays that a user keeps stay as they are, and arrays
-that nobody keeps cost no fresh memory, which is 10 to 15 times slower to fill than warm memory.
+A block has a column for each field with room for all environments. A batch is a view of a block's first rows.
+A block is filled again only when no array of its last batch is left anywhere: arrays that a user keeps stay
+as they are, and arrays that nobody keeps cost no fresh memory, which is 10 to 15 times slower to fill than
+warm memory.
 """
 
 from __future__ import annotations
 
+import mmap
 import sys
 from collections.abc import Sequence
 from typing import Any
@@ -14,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vhs._core import RolloutLearner
 from vhs.rollout.leaves import Nest, view_rows
 
 CUT, QUARANTINED, BLOB = 1 << 4, 1 << 5, 1 << 7
@@ -47,7 +50,8 @@ class Block:
 
         Args:
             nbytes: size as the core tells it.
-            offsets: of the scalar columns, the observation's leaves and the final observation's leaves, in bytes.
+            offsets: of the scalar columns, the observation's leaves and the final observation's leaves, in
+                bytes.
             rows: how many environments there are.
             nest: leaves of an observation.
         """
@@ -95,12 +99,28 @@ class Blocks:
         return block
 
 
+class Blobs:
+    """Where workers leave pickled things: infos, results, errors."""
+
+    def __init__(self, end: RolloutLearner) -> None:
+        """Map the pool's memory once more, so that it lasts as long as what is read from it."""
+        *_, self._start, self._stride, total = end.offsets
+        self._memory = memoryview(mmap.mmap(end.memory, total))
+
+    def read(self, env: int, nbytes: int) -> memoryview:
+        """The blob of an environment, to be unpickled before its next command."""
+        start = self._start + env * self._stride
+        return self._memory[start : start + nbytes]
+
+
 class Batch:
-    """Answers of some environments, in the order of their ids. Arrays are made when asked for and share memory.
+    """Answers of some environments, in the order of their ids.
+
+    Arrays are made when asked for and share memory.
 
     Attributes:
-        infos: the info of each row that has one, by row; with `final_info` and the first info of the next episode apart
-            where an episode ended and the next one began in the same step.
+        infos: the info of each row that has one, by row; with `final_info` and the first info of the next
+            episode apart where an episode ended and the next one began in the same step.
     """
 
     __slots__ = ("_block", "_finals", "_nest", "_rows", "infos")
@@ -146,13 +166,15 @@ class Batch:
 
     @property
     def is_cut(self) -> NDArray[np.bool_]:
-        """Whether the environment's last episode was cut and is to be dropped, bool [n]; always with `is_first`."""
-        return (self._column("flags") & CUT) != 0
+        """Whether the last episode was cut and is to be dropped, bool [n]; always with `is_first`."""
+        found: NDArray[np.bool_] = (self._column("flags") & CUT) != 0
+        return found
 
     @property
     def is_quarantined(self) -> NDArray[np.bool_]:
         """Whether it was cut because of a NaN, bool [n]; the info says where."""
-        return (self._column("flags") & QUARANTINED) != 0
+        found: NDArray[np.bool_] = (self._column("flags") & QUARANTINED) != 0
+        return found
 
     @property
     def versions(self) -> NDArray[np.int64]:
@@ -176,7 +198,7 @@ class Batch:
 
     @property
     def final_observation(self) -> Any:
-        """Last observations of the episodes of `final_rows`, nested as the observation space, each leaf [m, ...]."""
+        """Last observations of the episodes of `final_rows`, nested, each leaf [m, ...]."""
         return self._nested(self._block.final_leaves, self._finals)
 
     def notable(self) -> list[tuple[int, int, int, int]]:

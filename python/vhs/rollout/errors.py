@@ -1,4 +1,4 @@
-"""What goes wrong in a worker, as the learner sees it: the original error with its traceback and where it happened."""
+"""What goes wrong in a worker, as the learner sees it: the original error, its traceback and its place."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class PoolClosedError(VhsError, RuntimeError):
     """A call on a pool that is closed."""
 
 
-class RemoteTraceback(Exception):  # noqa: N818 - it is the cause of an error, not one of its own
+class RemoteTraceback(Exception):
     """The traceback of an error in its worker, as text: frames cannot leave their process."""
 
     def __str__(self) -> str:
@@ -50,13 +50,16 @@ class Failure:
 
     def where(self) -> str:
         """One line that says where it happened."""
-        return f"in `{self.call}` of environment {self.env}, worker {self.worker}, seed {self.seed}, step {self.step}"
+        place = f"environment {self.env}, worker {self.worker}, seed {self.seed}, step {self.step}"
+        return f"in `{self.call}` of {place}"
 
     def exception(self) -> BaseException:
         """The original error, or a `WorkerError` that names it, with the worker's traceback as its cause."""
         error = _unpickled(self.error)
         if error is None:
-            error = WorkerError(f"{self.kind} {self.where()}; it could not be pickled, its traceback is above")
+            error = WorkerError(
+                f"{self.kind} {self.where()}; it could not be pickled, its traceback is above"
+            )
         error.add_note(self.where())
         error.__cause__ = RemoteTraceback(self.text)
         return error

@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Inherited:
-    """A descriptor's number: the same in a fork, that of a duplicate in a process that was spawned with it."""
+    """A descriptor's number: the same in a fork, that of a duplicate in a process spawned with it."""
 
     number: int
 

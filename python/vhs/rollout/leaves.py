@@ -1,7 +1,7 @@
 """Spaces as bytes: which arrays an observation or an action consists of, and where each lies.
 
-A leaf is one array of fixed shape and type inside a nest of `Dict` and `Tuple` spaces. Leaves are ordered as gymnasium
-orders the spaces, each 64-byte aligned.
+A leaf is one array of fixed shape and type inside a nest of `Dict` and `Tuple` spaces. Leaves are ordered as
+gymnasium orders the spaces, each 64-byte aligned.
 """
 
 from __future__ import annotations
@@ -68,7 +68,8 @@ class Nest:
             leaf = Leaf(path, np.dtype(dtype), shape, self.nbytes, isinstance(part, spaces.Discrete))
             self.leaves.append(leaf)
             self.nbytes += -(-leaf.nbytes // ALIGNMENT) * ALIGNMENT
-        self._sizes = [leaf.nbytes for leaf in self.leaves]
+        self.nbytes_of_leaves = [leaf.nbytes for leaf in self.leaves]
+        """Sizes of the leaves, in bytes."""
         self._space = space
         self._is_flat = not isinstance(space, spaces.Dict | spaces.Tuple)
         self.floats = [index for index, leaf in enumerate(self.leaves) if leaf.dtype.kind in "fc"]
@@ -86,6 +87,8 @@ class Nest:
 
     def join(self, items: Sequence[Any]) -> Any:
         """A list, one item a leaf, as a nested value."""
+        if self._is_flat:
+            return items[0]
         return _join(self._space, iter(items))
 
     def write(self, views: Sequence[NDArray[Any]], value: Any) -> None:
@@ -118,13 +121,12 @@ class Nest:
             view = views[0]
             return view[()] if self.leaves[0].is_scalar else view.copy()
         items = [
-            view[()] if leaf.is_scalar else view.copy()
-            for leaf, view in zip(self.leaves, views, strict=True)
+            view[()] if leaf.is_scalar else view.copy() for leaf, view in zip(self.leaves, views, strict=True)
         ]
         return self.join(items)
 
     def rows(self, values: Any, count: int) -> list[tuple[int, int, NDArray[Any]]]:
-        """A nested batch as contiguous arrays of the leaves' types, each with its leaf's offset and size in bytes.
+        """A nested batch as contiguous arrays, each with its leaf's offset and size in bytes.
 
         Args:
             values: nested arrays or sequences, first dimension `count`; tensors on the CPU will do.
@@ -134,9 +136,18 @@ class Nest:
             ShapeError: a part has another shape.
             DtypeError: a part cannot be stored in the type of its space.
         """
+        if self._is_flat and type(values) is np.ndarray:
+            leaf = self.leaves[0]
+            # The most frequent case, at the price of three comparisons.
+            if (
+                values.dtype == leaf.dtype
+                and values.shape == (count, *leaf.shape)
+                and values.flags.c_contiguous
+            ):
+                return [(0, self.nbytes_of_leaves[0], values)]
         return [
             (leaf.offset, size, self._row_array(leaf, part, count))
-            for leaf, size, part in zip(self.leaves, self._sizes, self.split(values), strict=True)
+            for leaf, size, part in zip(self.leaves, self.nbytes_of_leaves, self.split(values), strict=True)
         ]
 
     def _row_array(self, leaf: Leaf, part: Any, count: int) -> NDArray[Any]:

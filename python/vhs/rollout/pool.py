@@ -1,37 +1,32 @@
 """`RolloutPool`: environments in worker processes, stepped by `send` and `recv`.
 
-Owns the learner's end of the shared memory, the processes, and what follows a death or an error. Invariants: an
-environment has at most one command under way; answers come in batches ordered by environment; a lost episode is
-announced with the next one's first observation (`Batch.is_cut`), never silently joined to it.
+Owns the learner's end of the shared memory, the processes, and what follows a death or an error. Invariants:
+an environment has at most one command under way; answers come in batches ordered by environment; a lost
+episode is announced with the next one's first observation (`Batch.is_cut`), never silently joined to it.
 """
 
 from __future__ import annotations
 
-import contextlib
 import logging
 import math
-import mmap
 import os
 import pickle
 import time
-import weakref
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, Self, get_args
 
-import gymnasium
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vhs._core import ArgumentError, LabelError, ProtocolError, RolloutLearner
-from vhs.rollout.batch import BLOB, QUARANTINED, Batch, Blocks
+from vhs.rollout.batch import BLOB, QUARANTINED, Batch, Blobs, Blocks
+from vhs.rollout.crew import Crew
 from vhs.rollout.errors import Failure, PoolClosedError, WorkerError
 from vhs.rollout.inherited import Inherited
 from vhs.rollout.leaves import Nest
 from vhs.rollout.processes import (
-    LEAVE_LIMIT_S,
     EnvFn,
-    Worker,
     cores_for,
     describe,
     find_context,
@@ -43,8 +38,8 @@ from vhs.rollout.worker import BEGIN, CALL, DUMP_SIGNAL, FAILED, STEP, Autoreset
 
 OnError = Literal["raise", "restart", "drop"]
 
-MOST_BARREN_DEATHS = 3
-"""Deaths in a row without a single answer, or failures to begin, after which a worker is given up."""
+MOST_FAILED_BEGINS = 3
+"""Failures in a row to begin an episode after which an environment is not restarted again."""
 
 SLICE_S = 0.1
 """How long to wait at most before Python looks after signals, in seconds."""
@@ -71,9 +66,9 @@ class PoolStats:
 class RolloutPool:
     """Environments in worker processes that write their observations straight into shared memory.
 
-    Begin with `reset`, then `recv` batches and `send` actions for their `env_ids`. `recv(1)` takes whatever is ready
-    first; `recv()` waits for all environments (lock-step), and then results do not depend on the number of workers.
-    One thread at a time. A context manager; `close` may be called any number of times.
+    Begin with `reset`, then `recv` batches and `send` actions for their `env_ids`. `recv(1)` takes whatever
+    is ready first; `recv()` waits for all environments (lock-step), and then results do not depend on the
+    number of workers. One thread at a time. A context manager; `close` may be called any number of times.
     """
 
     def __init__(
@@ -98,28 +93,26 @@ class RolloutPool:
             num_workers: processes.
             envs_per_worker: environments that each of them steps, one after another.
             seed: from which every episode's seed follows; without one, environments seed themselves.
-            autoreset: what follows the end of an episode: "SameStep" (the batch has the next episode's first observation,
-                and the final one apart), "NextStep" or "Disabled".
-            on_error: when an environment raises: "raise" the error here, "restart" the environment with its next episode,
-                or "drop" it for good.
-            deadline_s: most seconds for one step or reset; a worker that overruns is killed and started anew. None is for
-                ever.
+            autoreset: what follows the end of an episode: "SameStep" (the batch has the next episode's first
+                observation, and the final one apart), "NextStep" or "Disabled".
+            on_error: when an environment raises: "raise" the error here, "restart" the environment with its
+                next episode, or "drop" it for good.
+            deadline_s: most seconds for one step or reset; a worker that overruns is killed and started anew.
+                None is for ever.
             start_limit_s: most seconds for a process to start or an environment to be made.
             start_method: "fork" or "spawn"; by default fork where the platform forks.
             pin: give each worker a core of its own; by default where they fit.
-            info_bytes: room for one pickled info, error, call or set of reset options; costs memory only where used.
+            info_bytes: room for one pickled info, error, call or set of reset options; costs memory only
+                where used.
 
         Raises:
             ArgumentError: an argument out of range.
             Exception: whatever `env_fn` raised, with its traceback.
         """
-        self._closed = True  # until everything stands: `close` then has nothing to undo
         self._on_error = _checked_policy(on_error)
         self.autoreset = Autoreset(autoreset)
-        for name, size in (("num_workers", num_workers), ("envs_per_worker", envs_per_worker)):
-            if size < 1:
-                raise ArgumentError(f"`{name}`: expected a number of at least 1, got {size}")
-        self.num_workers, self.envs_per_worker = num_workers, envs_per_worker
+        self.num_workers = _checked_size("num_workers", num_workers)
+        self.envs_per_worker = _checked_size("envs_per_worker", envs_per_worker)
         self.num_envs = num_workers * envs_per_worker
         context = find_context(start_method)
         env_fns = portable(_one_each(env_fn, self.num_envs), context)
@@ -132,53 +125,37 @@ class RolloutPool:
         leaves = [(leaf.offset, leaf.nbytes) for leaf in self._observations.leaves]
         self._end = RolloutLearner(sizes, leaves, _checked_seed(seed), deadline_s, int(DUMP_SIGNAL))
         self._blocks = Blocks(self._end.block_bytes, self._end.columns, self.num_envs, self._observations)
-        *_, self._blobs, self._blob_stride, total = self._end.offsets
-        self._memory = np.frombuffer(mmap.mmap(self._end.memory, total), np.uint8)
-        self._start_limit_s = start_limit_s
+        self._blobs = Blobs(self._end)
         self._under_way = 0
         """Environments with a command whose answer has not been received."""
-        self._dropped: set[int] = set()
         self._active = np.arange(self.num_envs)
-        self._barren = [0] * self.num_envs
+        """Environments that have not been dropped."""
+        self._failed_begins = [0] * self.num_envs
         """Failures in a row to begin an episode, by environment."""
-        self._barren_deaths = [0] * num_workers
         self._called: dict[int, Any] = {}
         """Results of the call under way, by environment; a `Failure` where one raised."""
-        cores = cores_for(num_workers, pin)
-        self._stack_files = [new_stack_file(worker) for worker in range(num_workers)]
-        self._workers = [
-            Worker(
-                context,
-                Setup(
-                    worker=worker,
-                    env_fns=env_fns[worker * envs_per_worker : (worker + 1) * envs_per_worker],
-                    memory=Inherited(self._end.memory),
-                    stack_file=self._stack_files[worker],
-                    sizes=sizes,
-                    observation_space=self.single_observation_space,
-                    action_space=self.single_action_space,
-                    autoreset=self.autoreset,
-                    deadline_s=deadline_s,
-                    start_limit_s=start_limit_s,
-                    parent=os.getpid(),
-                    ends_by_signal=is_lasting_thread(),
-                    cpu=cores[worker],
-                ),
-            )
-            for worker in range(num_workers)
-        ]
-        self._finalizer = weakref.finalize(
-            self, _close, self._end, self._workers, self._stack_files, os.getpid()
-        )
         self._closed = False
-        try:
-            for worker in range(num_workers):
-                self._start(worker)
-        except BaseException:
-            self.close()
-            raise
+        setups = [
+            Setup(
+                worker=worker,
+                env_fns=env_fns[worker * envs_per_worker : (worker + 1) * envs_per_worker],
+                memory=Inherited(self._end.memory),
+                stack_file=new_stack_file(worker),
+                sizes=sizes,
+                observation_space=self.single_observation_space,
+                action_space=self.single_action_space,
+                autoreset=self.autoreset,
+                deadline_s=deadline_s,
+                start_limit_s=start_limit_s,
+                parent=os.getpid(),
+                ends_by_signal=is_lasting_thread(),
+                cpu=cpu,
+            )
+            for worker, cpu in enumerate(cores_for(num_workers, pin))
+        ]
+        self._crew = Crew(self._end, context, setups)
 
-    # -- stepping ----------------------------------------------------------------------------------------------------
+    # -- stepping
 
     def reset(
         self,
@@ -191,8 +168,8 @@ class RolloutPool:
 
         Args:
             env_ids: which, all by default. None of them may have a command under way.
-            seeds: one an environment, None for an unseeded one; by default the seeds that `seed_next` or the pool's own
-                seed gave.
+            seeds: one an environment, None for an unseeded one; by default the seeds that `seed_next` or the
+                pool's own seed gave.
             options: passed to every `Env.reset`.
 
         Raises:
@@ -210,8 +187,9 @@ class RolloutPool:
     def seed_next(self, env_ids: ArrayLike, seeds: Sequence[int | None]) -> None:
         """Fix the seeds of the episodes that environments begin next, by `reset` or by autoreset.
 
-        A seed counts from the environment's next `send` on, so give it before the step that may end the episode. Once an
-        episode has begun, the seed after it is again the pool's own choice (see `seed` of the constructor).
+        A seed counts from the environment's next `send` on, so give it before the step that may end the
+        episode. Once an episode has begun, the seed after it is again the pool's own choice (see `seed` of
+        the constructor).
         """
         self._check_open()
         self._end.seed_next(self._ids(env_ids), [_checked_seed(seed) for seed in seeds])
@@ -256,7 +234,9 @@ class RolloutPool:
         wanted = self._under_way if min_envs is None else min_envs
         if not 0 < wanted <= self._under_way:
             found = f"{self._under_way} under way"
-            raise ProtocolError(f"`recv`: expected 1 to as many environments as have a command, found {found}")
+            raise ProtocolError(
+                f"`recv`: expected 1 to as many environments as have a command, found {found}"
+            )
         block = self._blocks.take()
         until = math.inf if timeout is None else time.monotonic() + timeout
         slice_s = SLICE_S if timeout is None else min(SLICE_S, timeout)
@@ -265,7 +245,9 @@ class RolloutPool:
             wanted = self._still_wanted(wanted, is_lockstep=min_envs is None)
             slice_s = min(SLICE_S, until - time.monotonic())
             if slice_s <= 0.0:
-                raise TimeoutError(f"expected {wanted} environments to answer within {timeout} s, found fewer")
+                raise TimeoutError(
+                    f"expected {wanted} environments to answer within {timeout} s, found fewer"
+                )
         rows, finals, notable = filled
         self._under_way -= rows
         batch = Batch(block, rows, finals, self._observations)
@@ -273,7 +255,7 @@ class RolloutPool:
             self._see_to(batch)
         return batch
 
-    # -- environments as objects -------------------------------------------------------------------------------------
+    # -- environments as objects
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """Call a method of every environment, or read an attribute; none may have a command under way.
@@ -297,7 +279,8 @@ class RolloutPool:
             self._end.send([env], [], CALL, 0, blob)
             self._under_way += 1
         while self._under_way:
-            # A call is answered by a notice alone, so a batch is never ready and this looks after notices and deaths.
+            # A call is answered by a notice alone, so a batch is never ready and this looks after notices and
+            # deaths.
             self._end.wait(1, SLICE_S)
             self._attend(during_call=True)
         for result in self._called.values():
@@ -305,7 +288,7 @@ class RolloutPool:
                 raise result.exception()
         return tuple(self._called.get(env) for env in range(self.num_envs))
 
-    # -- state -------------------------------------------------------------------------------------------------------
+    # -- state
 
     @property
     def stats(self) -> PoolStats:
@@ -315,7 +298,7 @@ class RolloutPool:
     @property
     def pids(self) -> list[int | None]:
         """Numbers of the worker processes, in the order of the workers."""
-        return [worker.pid for worker in self._workers]
+        return self._crew.pids
 
     @property
     def active_env_ids(self) -> NDArray[np.int64]:
@@ -328,7 +311,10 @@ class RolloutPool:
         return self._under_way
 
     def reseed(self, seed: int | None) -> None:
-        """Start the rule for seeds over, as if the pool had been made with this seed; counts from the next `send` on."""
+        """Start the rule for seeds over, as if the pool had been made with this seed.
+
+        It counts from the next `send` on.
+        """
         self._check_open()
         self._end.reseed(_checked_seed(seed))
 
@@ -336,7 +322,7 @@ class RolloutPool:
         """End the workers and free the memory; batches stay as they are. May be called again."""
         if not self._closed:
             self._closed = True
-            self._finalizer()
+            self._crew.close()
 
     @property
     def closed(self) -> bool:
@@ -356,7 +342,7 @@ class RolloutPool:
         state = "closed" if self._closed else f"{self._under_way} under way"
         return f"RolloutPool({self.num_workers} workers x {self.envs_per_worker} environments, {state})"
 
-    # -- waiting and repairing ---------------------------------------------------------------------------------------
+    # -- waiting and repairing
 
     def _still_wanted(self, wanted: int, *, is_lockstep: bool) -> int:
         """How many answers to wait for: an environment that was dropped meanwhile will never answer."""
@@ -373,7 +359,7 @@ class RolloutPool:
         failures = []
         for env, flags, blob_bytes in self._end.take_notices():
             self._under_way -= 1
-            found = pickle.loads(self._blob(env, blob_bytes))
+            found = pickle.loads(self._blobs.read(env, blob_bytes))
             if during_call:
                 self._called[env] = found if flags & FAILED else found["result"]
             else:
@@ -390,87 +376,57 @@ class RolloutPool:
             raise error
         _log.warning("%s %s: %s\n%s", failure.kind, failure.where(), self._on_error, failure.text)
         if self._on_error == "drop":
-            self._dropped.add(failure.env)
             self._active = self._active[self._active != failure.env]
             return
         is_beginning = failure.call == "reset" or failure.step == 0
-        self._barren[failure.env] = self._barren[failure.env] + 1 if is_beginning else 0
-        if self._barren[failure.env] >= MOST_BARREN_DEATHS:
+        self._failed_begins[failure.env] = self._failed_begins[failure.env] + 1 if is_beginning else 0
+        if self._failed_begins[failure.env] >= MOST_FAILED_BEGINS:
             raise error
         self._end.send([failure.env], [], BEGIN, 0, b"")
         self._under_way += 1
 
     def _replace(self, worker: int, *, was_overdue: bool, during_call: bool) -> None:
-        """A process has died: reclaim its slots, start another, and ask it for what is owed."""
-        code = self._workers[worker].reap()
-        stack = self._workers[worker].stack()
-        cut, has_answered = self._end.reclaim(worker)
-        cause = "a command took longer than deadline_s" if was_overdue else f"exit code {code}"
-        _log.warning(
-            "worker %d died (%s): starting another%s", worker, cause, f"; its stack was\n{stack}" if stack else ""
-        )
-        self._barren_deaths[worker] = 0 if has_answered else self._barren_deaths[worker] + 1
-        if self._barren_deaths[worker] >= MOST_BARREN_DEATHS:
+        """A process has died: have it replaced and ask the new one for what is owed."""
+        try:
+            lost, cause = self._crew.replace(worker, was_overdue=was_overdue)
+        except WorkerError:
             self.close()
-            raise WorkerError(f"worker {worker} died {MOST_BARREN_DEATHS} times without an answer ({cause})")
-        self._start(worker)
+            raise
         if during_call:
-            self._under_way -= len(cut)
+            self._under_way -= len(lost)
             raise WorkerError(f"worker {worker} died ({cause}) during a call")
         # Their commands stay under way; the answers will be the first observations of new episodes.
-        self._end.send(cut, [], BEGIN, 0, b"")
-
-    def _start(self, worker: int) -> None:
-        self._end.expect_start(worker, self._start_limit_s)
-        self._end.watch(worker, self._workers[worker].start())
+        self._end.send(lost, [], BEGIN, 0, b"")
 
     def _see_to(self, batch: Batch) -> None:
         """Unpickle infos and report quarantines."""
         for row, env, flags, blob_bytes in batch.notable():
             if flags & BLOB:
-                batch.infos[row] = pickle.loads(self._blob(env, blob_bytes))
+                batch.infos[row] = pickle.loads(self._blobs.read(env, blob_bytes))
             if flags & QUARANTINED:
                 report = batch.infos[row]["quarantine"]
-                _log.warning(
-                    "environment %d: NaN in %s at step %d of the episode with seed %s; the episode is dropped",
-                    env,
-                    report["where"],
-                    report["step"],
-                    report["seed"],
+                place = (
+                    f"{report['where']} at step {report['step']} of the episode with seed {report['seed']}"
                 )
+                _log.warning("environment %d: NaN in %s; the episode is dropped", env, place)
 
-    def _blob(self, env: int, nbytes: int) -> NDArray[np.uint8]:
-        start = self._blobs + env * self._blob_stride
-        return self._memory[start : start + nbytes]
-
-    # -- checks ------------------------------------------------------------------------------------------------------
+    # -- checks
 
     def _ids(self, env_ids: ArrayLike | None) -> NDArray[np.int64]:
         if env_ids is None:
             return self._active
         ids = np.asarray(env_ids)
-        if self._dropped:
-            gone = sorted(self._dropped.intersection(ids.tolist()))
-            if gone:
-                raise LabelError(f"`env_ids`: expected environments that were not dropped, got {gone}")
+        if len(self._active) < self.num_envs:
+            gone = np.setdiff1d(ids, self._active)
+            if len(gone):
+                raise LabelError(
+                    f"`env_ids`: expected environments that were not dropped, got {gone.tolist()}"
+                )
         return ids
 
     def _check_open(self) -> None:
         if self._closed:
             raise PoolClosedError("expected an open pool, found a closed one")
-
-
-def _close(end: RolloutLearner, workers: list[Worker], files: list[Inherited], owner: int) -> None:
-    """Undo everything; in a fork of the learner nothing is the fork's to undo."""
-    if os.getpid() != owner:
-        return
-    end.close()
-    until = time.monotonic() + LEAVE_LIMIT_S
-    for worker in workers:
-        worker.leave(max(0.0, until - time.monotonic()))
-    for file in files:
-        with contextlib.suppress(OSError):  # closed twice is closed
-            os.close(file.number)
 
 
 def _one_each(env_fn: EnvFn | Sequence[EnvFn], num_envs: int) -> list[EnvFn]:
@@ -479,6 +435,12 @@ def _one_each(env_fn: EnvFn | Sequence[EnvFn], num_envs: int) -> list[EnvFn]:
     if len(env_fn) != num_envs:
         raise ArgumentError(f"env_fn: expected one function or {num_envs} of them, got {len(env_fn)}")
     return list(env_fn)
+
+
+def _checked_size(name: str, size: int) -> int:
+    if size < 1:
+        raise ArgumentError(f"`{name}`: expected a number of at least 1, got {size}")
+    return size
 
 
 def _checked_policy(on_error: OnError) -> OnError:
@@ -494,12 +456,3 @@ def _checked_seed(seed: int | None) -> int | None:
     if not 0 <= number < 1 << 64:
         raise ArgumentError(f"seed: expected an integer in 0..2**64, got {number}")
     return number
-
-
-def make_spaces(pool: RolloutPool) -> tuple[gymnasium.Space[Any], gymnasium.Space[Any]]:
-    """Batched observation and action space of all environments."""
-    batch_space = gymnasium.vector.utils.batch_space
-    return (
-        batch_space(pool.single_observation_space, pool.num_envs),
-        batch_space(pool.single_action_space, pool.num_envs),
-    )

@@ -1,7 +1,7 @@
 """Starting, ending and describing worker processes. Nothing here knows of slots.
 
-The spaces of an environment are found out by a short-lived process: making one in the learner's process would leave its
-GL contexts, threads and locks to every fork.
+The spaces of an environment are found out by a short-lived process: making one in the learner's process would
+leave its GL contexts, threads and locks to every fork.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Worker:
         return None if self._process is None else self._process.pid
 
     def reap(self) -> int | None:
-        """Take leave of a process that has ended and return its exit code; minus the signal's number if by signal."""
+        """Take leave of a process that has ended; its exit code, or minus a signal's number."""
         self._process.join()
         return self._process.exitcode  # type: ignore[no-any-return] # multiprocessing says so
 

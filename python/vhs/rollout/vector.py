@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Any, Self
 
-import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from vhs._core import ArgumentError
 from vhs.rollout.batch import Batch
 from vhs.rollout.leaves import Nest
-from vhs.rollout.pool import RolloutPool, make_spaces
+from vhs.rollout.pool import RolloutPool
 from vhs.rollout.processes import EnvFn
 from vhs.rollout.worker import Autoreset
 
@@ -22,8 +22,9 @@ Arrays = NDArray[Any]
 class RolloutVectorEnv(VectorEnv[Any, Any, Arrays]):
     """Steps all environments of a `RolloutPool` together, as `gymnasium.vector.SyncVectorEnv` would.
 
-    Seeds, autoreset modes, infos and final observations are gymnasium's. An episode that was cut (its worker died, or it
-    showed a NaN) appears as truncated with reward 0 and `infos["cut"]`, its observation being the next episode's first.
+    Seeds, autoreset modes, infos and final observations are gymnasium's. An episode that was cut (its worker
+    died, or it showed a NaN) appears as truncated with reward 0 and `infos["cut"]`, its observation being the
+    next episode's first.
     """
 
     def __init__(
@@ -45,7 +46,9 @@ class RolloutVectorEnv(VectorEnv[Any, Any, Arrays]):
             pool: further arguments of `RolloutPool`; `on_error` may be "raise" or "restart".
         """
         if pool.get("on_error") == "drop":
-            raise ArgumentError("on_error: expected 'raise' or 'restart', got 'drop': a VectorEnv keeps its size")
+            raise ArgumentError(
+                "on_error: expected 'raise' or 'restart', got 'drop': a VectorEnv keeps its size"
+            )
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.pool = RolloutPool(
             env_fn, num_workers, envs_per_worker, autoreset=Autoreset(self.autoreset_mode.value), **pool
@@ -54,7 +57,8 @@ class RolloutVectorEnv(VectorEnv[Any, Any, Arrays]):
         self.num_envs = self.pool.num_envs
         self.single_observation_space = self.pool.single_observation_space
         self.single_action_space = self.pool.single_action_space
-        self.observation_space, self.action_space = make_spaces(self.pool)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.metadata = {**description.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = description.render_mode
         self.spec = None
@@ -66,7 +70,8 @@ class RolloutVectorEnv(VectorEnv[Any, Any, Arrays]):
         """Begin an episode in every environment, or in those of `options["reset_mask"]`.
 
         Args:
-            seed: one for all (environment i gets `seed + i`), one each, or None to go on with their generators.
+            seed: one for all (environment i gets `seed + i`), one each, or None to go on with their
+                generators.
             options: passed to every environment, without "reset_mask".
 
         Returns:
@@ -151,7 +156,9 @@ class RolloutVectorEnv(VectorEnv[Any, Any, Arrays]):
     def _merged(self, batch: Batch) -> Any:
         """The last observations with those of the batch put in."""
         merged = []
-        for last, new in zip(self._nest.split(self._observation), self._nest.split(batch.observation), strict=True):
+        for last, new in zip(
+            self._nest.split(self._observation), self._nest.split(batch.observation), strict=True
+        ):
             leaf = last.copy()
             leaf[batch.env_ids] = new
             merged.append(leaf)
@@ -171,10 +178,7 @@ def _seeds(seed: int | list[int | None] | None, num_envs: int) -> list[int | Non
 def _mask(mask: Any, num_envs: int) -> NDArray[np.bool_]:
     array = np.asarray(mask)
     if array.shape != (num_envs,) or array.dtype != np.bool_ or not array.any():
-        raise ValueError(f"reset_mask: expected bool [{num_envs}] with a True, got {array.dtype} {array.shape}")
+        raise ValueError(
+            f"reset_mask: expected bool [{num_envs}] with a True, got {array.dtype} {array.shape}"
+        )
     return array
-
-
-def make_vec(env_id: str, num_workers: int, envs_per_worker: int = 1, **kwargs: Any) -> RolloutVectorEnv:
-    """A vector of registered environments by their id; `kwargs` go to `gymnasium.make`."""
-    return RolloutVectorEnv(lambda: gymnasium.make(env_id, **kwargs), num_workers, envs_per_worker)

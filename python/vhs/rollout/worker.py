@@ -1,7 +1,7 @@
-"""What a worker process does: take a command, step, answer. Every atomic is Rust's; envs and autoreset are here.
+"""What a worker process does: take a command, step, answer. Every atomic is Rust's; envs are Python's.
 
-Life of an environment: NEW (not made, or lost to an error) -> RUNNING -> ENDED -> RUNNING ...; a step on a NEW one begins
-an episode, so that a learner that does not know of a restart yet finds its environment again.
+Life of an environment: NEW (not made, or lost to an error) -> RUNNING -> ENDED -> RUNNING ...; a step on a
+NEW one begins an episode, so that a learner that does not know of a restart yet finds its environment again.
 """
 
 from __future__ import annotations
@@ -228,10 +228,9 @@ class _Loop:
         if env.env is None:
             self._end.allow(self._setup.start_limit_s)
             env.env = env.env_fn()
-        if name == "set_wrapper_attr":
-            found = env.env.set_wrapper_attr
-        else:
-            found = env.env.get_wrapper_attr(name)
+        # Every wrapper has the setter itself; looking it up by name would find the innermost.
+        is_setter = name == "set_wrapper_attr"
+        found = env.env.set_wrapper_attr if is_setter else env.env.get_wrapper_attr(name)
         result = found(*arguments, **keywords) if callable(found) else found
         return CALLED, 0.0, 0, {"result": result}
 

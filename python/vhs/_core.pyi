@@ -1,0 +1,800 @@
+"""The compiled half of `vhs`: storage of goals and episodes, relabelling, returns.
+
+Conventions of every function here:
+
+* Images are uint8 and nothing else. Integer arguments may be any numpy integer array or a sequence of
+  integers, real ones any float or integer array or sequence; what is not int64 or float32 already is
+  converted. Arrays that are not contiguous are copied first.
+* Results are writable numpy arrays; `torch.from_numpy` shares their memory. Where a function takes `out`, it
+  writes into that array (of exactly the documented dtype and shape, C-contiguous, writable) and returns it:
+  memory that is used again is many times faster to fill than fresh memory.
+* A call that raises has changed nothing. Every message names what was expected and what was found. All
+  exceptions derive from `VhsError`, except those of the operating system (`OSError`).
+* The interpreter is released while bytes are copied, and every object may be used from several threads.
+* Randomness comes from seeded generators that belong to the objects or are passed in, never from a global:
+  the same seed and the same calls in the same order give the same results, whatever the number of threads
+  elsewhere.
+"""
+
+from collections.abc import Sequence
+from os import PathLike
+from typing import Any, Literal, TypedDict, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = [
+    "ArgumentError",
+    "DamagedFileError",
+    "DtypeError",
+    "EmptyError",
+    "EpisodeBatch",
+    "EpisodeBuffer",
+    "EpisodeError",
+    "GoalStore",
+    "Hindsight",
+    "LabelError",
+    "LayoutError",
+    "NonFiniteError",
+    "OutOfMemoryError",
+    "ProtocolError",
+    "Prototypes",
+    "Rng",
+    "RolloutLearner",
+    "RolloutWorker",
+    "ShapeError",
+    "VhsError",
+    "__version__",
+    "discounted_returns",
+    "relabel",
+]
+
+__version__: str
+
+class _PrototypesState(TypedDict):
+    table: NDArray[np.float32]
+    seen: NDArray[np.bool_]
+    rng: NDArray[np.uint64]
+
+class _RngState(TypedDict):
+    rng: NDArray[np.uint64]
+
+@final
+class GoalStore:
+    """Images of achieved goals, by goal class (the paper's `D_g`, section 3.2).
+
+    Each class is a ring: once it holds `capacity_per_class` images, the oldest makes room for the next. An
+    image enters under the class the agent was *told* to reach; the class of a wrongly reached object is not
+    known to it. Memory is taken as the rings fill.
+    """
+
+    def __new__(
+        cls, num_classes: int, observation_shape: Sequence[int], capacity_per_class: int, seed: int = 0
+    ) -> GoalStore:
+        """An empty store.
+
+        Args:
+            num_classes: Goal classes, at least 1.
+            observation_shape: Shape of one image, each size at least 1.
+            capacity_per_class: Images kept of each class, at least 1.
+            seed: Of the store's own generator, in 0..2**64.
+
+        Raises:
+            ArgumentError: For a size out of range, or sizes whose product no memory can hold.
+        """
+
+    def push(self, observation: ArrayLike, label: int) -> None:
+        """Store a copy of an image.
+
+        Args:
+            observation: uint8, shape `observation_shape`.
+            label: Goal class, in 0..num_classes.
+
+        Raises:
+            ShapeError, DtypeError, LabelError: For an argument that does not fit.
+            OutOfMemoryError: When the store cannot grow.
+        """
+
+    def collect(self, buffer: EpisodeBuffer, ids: ArrayLike) -> int:
+        """Store the final observation of each successful episode under its instructed goal class.
+
+        Episodes with another outcome are skipped: what they reached is not known to the agent.
+
+        Args:
+            buffer: Holds the episodes; its `observation_shape` must be that of the store.
+            ids: int64 [B], of finished episodes; one that comes twice is stored twice.
+
+        Returns:
+            How many images were stored.
+
+        Raises:
+            ShapeError: When the buffer's observations are of another shape.
+            LabelError: When a goal of the buffer is not a class of the store.
+            EpisodeError: When an id was evicted or never existed.
+        """
+
+    def sample(
+        self, n: int, *, balanced: bool = True, out: NDArray[np.uint8] | None = None
+    ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+        """Draw images with replacement.
+
+        Args:
+            n: Images to draw, at least 1.
+            balanced: True: the non-empty classes get as equal a share of `n` as can be, what is left over
+                falls to random ones, and the order is random. False: all stored images are equally likely.
+            out: uint8 [n, *observation_shape], written and returned.
+
+        Returns:
+            Images uint8 [n, *observation_shape] and their classes int64 [n].
+
+        Raises:
+            EmptyError: When nothing is stored.
+            ArgumentError: For `n` below 1.
+            ShapeError, DtypeError, LayoutError: For an `out` that does not fit.
+        """
+
+    def sample_class(self, label: int, n: int, *, out: NDArray[np.uint8] | None = None) -> NDArray[np.uint8]:
+        """Draw images of one class, uniformly and with replacement.
+
+        Args:
+            label: Goal class, in 0..num_classes.
+            n: Images to draw, at least 1.
+            out: uint8 [n, *observation_shape], written and returned.
+
+        Returns:
+            Images uint8 [n, *observation_shape].
+
+        Raises:
+            EmptyError: When the class holds no image.
+            LabelError, ArgumentError: For a label or an `n` out of range.
+            ShapeError, DtypeError, LayoutError: For an `out` that does not fit.
+        """
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the store to a file, generator included.
+
+        A temporary file beside it is written, synced and renamed over `path`: whoever reads sees the old file
+        or the new one. Images are written from where they lie, without a second copy. Other threads that use
+        the store wait.
+
+        Raises:
+            OSError: The fitting subclass, such as PermissionError; the file is then as it was.
+        """
+
+    @staticmethod
+    def load(path: str | PathLike[str]) -> GoalStore:
+        """Read a store that `save` wrote; it goes on with the same batches and overwrites in the same order.
+
+        Raises:
+            OSError: The fitting subclass, such as FileNotFoundError.
+            DamagedFileError: For a file of another kind or version, cut short or altered.
+        """
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """Images stored of each class, int64 [num_classes]."""
+
+    @property
+    def num_classes(self) -> int:
+        """Goal classes."""
+
+    @property
+    def observation_shape(self) -> tuple[int, ...]:
+        """Shape of one image."""
+
+    @property
+    def capacity_per_class(self) -> int:
+        """Images that a class holds at most."""
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes set aside for images so far."""
+
+    def __len__(self) -> int:
+        """Images stored in all."""
+
+@final
+class Prototypes:
+    """One mean feature vector a goal class (the paper's `p^x`, section 4.1, equation 4).
+
+    A running mean with momentum: `p = momentum * p + (1 - momentum) * mean(batch)` for each class of a batch;
+    the first batch sets it. `momentum=0` is the paper's exact mean of the batch.
+    """
+
+    def __new__(cls, num_classes: int, dim: int, momentum: float = 0.9, seed: int = 0) -> Prototypes:
+        """A table in which no class has been seen.
+
+        Args:
+            num_classes: Goal classes, at least 1.
+            dim: Numbers in one feature, at least 1.
+            momentum: Weight of the past, in 0..=1.
+            seed: Of the vectors that stand in for unseen classes, in 0..2**64.
+
+        Raises:
+            ArgumentError: For a number out of range.
+        """
+
+    def update(self, features: ArrayLike, labels: ArrayLike) -> None:
+        """Move the prototypes of the classes in this batch towards the means of their features.
+
+        Args:
+            features: float32 [n, dim].
+            labels: int64 [n], in 0..num_classes.
+
+        Raises:
+            ShapeError, DtypeError, LabelError: For an argument that does not fit.
+            NonFiniteError: For NaN or infinity among the features.
+        """
+
+    def embed(self, labels: ArrayLike, *, out: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
+        """The prototype of each label; for a class never seen, a fresh N(0, 1) vector, redrawn on each call.
+
+        Args:
+            labels: int64 [n], in 0..num_classes.
+            out: float32 [n, dim], written and returned.
+
+        Returns:
+            float32 [n, dim].
+
+        Raises:
+            LabelError, DtypeError: For labels that do not fit.
+            ShapeError, DtypeError, LayoutError: For an `out` that does not fit.
+        """
+
+    def state_dict(self) -> _PrototypesState:
+        """Copies of all that changes.
+
+        Returns:
+            "table" float32 [num_classes, dim], "seen" bool [num_classes], "rng" uint64 [4].
+        """
+
+    def load_state_dict(self, state: _PrototypesState | dict[str, Any]) -> None:
+        """Go on from a state that `state_dict` of a table of the same size gave.
+
+        Raises:
+            KeyError: When an entry is missing.
+            ShapeError, DtypeError, NonFiniteError, ArgumentError: For an entry that does not fit.
+        """
+
+    @property
+    def table(self) -> NDArray[np.float32]:
+        """A copy of the prototypes, float32 [num_classes, dim]; zeros where a class was never seen."""
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """Whether each class has a prototype, bool [num_classes]."""
+
+    @property
+    def num_classes(self) -> int:
+        """Goal classes."""
+
+    @property
+    def dim(self) -> int:
+        """Numbers in one feature."""
+
+    @property
+    def momentum(self) -> float:
+        """Weight of the past."""
+
+@final
+class EpisodeBuffer:
+    """Whole episodes of many environments, each frame stored once although observations stack several.
+
+    An environment is a *stream*. `begin` opens its episode, each `append` adds a step, `finish` closes it
+    under a new id. An episode of T steps has frames 0..=T; observation t stacks the frames t - frame_stack +
+    1 ..= t, oldest first, and repeats frame 0 where that reaches before the episode. Nothing ever crosses an
+    episode border.
+
+    Finished episodes stay until room is needed and then leave oldest first; open ones are never evicted.
+    Frames take `frame_bytes * (steps + episodes)` bytes, taken as the buffer fills.
+    """
+
+    def __new__(
+        cls,
+        frame_shape: Sequence[int],
+        *,
+        num_streams: int,
+        max_episode_steps: int,
+        capacity_steps: int,
+        frame_stack: int = 2,
+        num_goals: int,
+        num_interactions: int,
+        first_interaction_action: int = 3,
+        seed: int = 0,
+    ) -> EpisodeBuffer:
+        """An empty buffer.
+
+        Args:
+            frame_shape: Shape of one frame, each size at least 1.
+            num_streams: Environments that feed the buffer, at least 1.
+            max_episode_steps: Steps of the longest episode, at least 1.
+            capacity_steps: Steps kept over all episodes, at least `num_streams * max_episode_steps`.
+            frame_stack: Frames in one observation, at least 1.
+            num_goals: Goal classes, at least 1.
+            num_interactions: Interactions; with 0, every episode has interaction 0.
+            first_interaction_action: The action that does interaction 0. Actions are in
+                0..first_interaction_action + num_interactions; those below it are moves.
+            seed: Of the generator behind `sample_episodes`, in 0..2**64.
+
+        Raises:
+            ArgumentError: For a number out of range, or sizes whose product no memory can hold.
+        """
+
+    def begin(self, stream: int, frame: ArrayLike, goal: int, interaction: int) -> None:
+        """Open an episode.
+
+        Args:
+            stream: In 0..num_streams.
+            frame: The first frame, uint8, shape `frame_shape`.
+            goal: Instructed goal class, in 0..num_goals.
+            interaction: Instructed interaction, in 0..num_interactions.
+
+        Raises:
+            ProtocolError: When the stream has an open episode already.
+            ShapeError, DtypeError, LabelError: For an argument that does not fit.
+        """
+
+    def append(self, stream: int, action: int, reward: float, value: float, frame: ArrayLike) -> None:
+        """Add one step to the open episode of a stream.
+
+        Args:
+            stream: In 0..num_streams.
+            action: Taken at the newest frame.
+            reward: Of the action.
+            value: The critic's value when acting.
+            frame: The next frame, uint8, shape `frame_shape`.
+
+        Raises:
+            ProtocolError: When no episode is open, or it has `max_episode_steps` steps already.
+            NonFiniteError: For a reward or value that is NaN or infinite.
+            ShapeError, DtypeError, LabelError: For an argument that does not fit.
+        """
+
+    def append_batch(
+        self, streams: ArrayLike, actions: ArrayLike, rewards: ArrayLike, values: ArrayLike, frames: ArrayLike
+    ) -> None:
+        """Add one step to each of several open episodes; where one is refused, none is added.
+
+        Args:
+            streams: int64 [n], each at most once.
+            actions: int64 [n].
+            rewards: float32 [n].
+            values: float32 [n].
+            frames: The next frames, uint8 [n, *frame_shape].
+
+        Raises:
+            ArgumentError: When a stream comes twice.
+            ProtocolError, NonFiniteError, ShapeError, DtypeError, LabelError: As for `append`.
+        """
+
+    def finish(self, stream: int, outcome: int | str) -> int:
+        """Close the open episode of a stream; its newest frame becomes the final observation.
+
+        Args:
+            stream: In 0..num_streams.
+            outcome: A `vhs.Outcome`, or its name: "success", "failure" or "timeout".
+
+        Returns:
+            The episode's id; ids count up from 0 in the order of `finish`.
+
+        Raises:
+            ProtocolError: When no episode is open, or it has no step yet.
+            ArgumentError, LabelError: For an unknown outcome or stream.
+        """
+
+    def abort(self, stream: int) -> None:
+        """Drop the open episode of a stream, as after a crash of its environment.
+
+        Raises:
+            ProtocolError: When no episode is open.
+            LabelError: For an unknown stream.
+        """
+
+    def observe(
+        self, streams: ArrayLike | None = None, *, out: NDArray[np.uint8] | None = None
+    ) -> NDArray[np.uint8]:
+        """The newest stacked observation of each stream, for acting.
+
+        Args:
+            streams: int64 [n]; None: all.
+            out: uint8 [n, frame_stack, *frame_shape], written and returned.
+
+        Returns:
+            uint8 [n, frame_stack, *frame_shape].
+
+        Raises:
+            ProtocolError: When a stream has no open episode.
+            LabelError, DtypeError: For streams that do not fit.
+            ShapeError, DtypeError, LayoutError: For an `out` that does not fit.
+        """
+
+    def gather(self, ids: ArrayLike, *, out: NDArray[np.uint8] | None = None) -> EpisodeBatch:
+        """Copy finished episodes into a batch.
+
+        Args:
+            ids: int64 [B], at least one; an id may come more than once.
+            out: uint8 [at least N, frame_stack, *frame_shape]; the batch's observations become a view of its
+                first N rows.
+
+        Raises:
+            EpisodeError: When an id was evicted or never existed.
+            ArgumentError: For no id.
+            ShapeError, DtypeError, LayoutError: For an `out` that does not fit.
+        """
+
+    def sample_episodes(
+        self,
+        n: int,
+        relabel: Literal["final"] | None = None,
+        probability: float = 1.0,
+        on: Sequence[int | str] | None = None,
+    ) -> EpisodeBatch:
+        """Draw finished episodes, uniformly and with replacement, with the buffer's own generator.
+
+        Args:
+            n: Episodes to draw, at least 1.
+            relabel: None, or the strategy of `vhs.relabel`; the batch then has a `hindsight`.
+            probability: Of relabelling an eligible episode.
+            on: Outcomes whose episodes are eligible; None: ("failure",).
+
+        Raises:
+            EmptyError: When no finished episode is stored.
+            ArgumentError: For a number or a word that is not known.
+        """
+
+    def state_dict(self) -> _RngState:
+        """The generator's state. Episodes are not part of it: on-policy ones are of no use after a restart.
+
+        Returns:
+            "rng" uint64 [4].
+        """
+
+    def load_state_dict(self, state: _RngState | dict[str, Any]) -> None:
+        """Go on with a generator state that `state_dict` gave.
+
+        Raises:
+            KeyError: When the entry is missing.
+            ShapeError, DtypeError, ArgumentError: For an entry that does not fit.
+        """
+
+    @property
+    def ids(self) -> NDArray[np.int64]:
+        """Ids of the finished episodes stored, oldest first, int64 [len(self)]."""
+
+    @property
+    def open(self) -> NDArray[np.bool_]:
+        """Whether each stream has an open episode, bool [num_streams]."""
+
+    @property
+    def num_steps(self) -> int:
+        """Steps stored, of finished and open episodes."""
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes set aside for frames so far."""
+
+    @property
+    def frame_shape(self) -> tuple[int, ...]:
+        """Shape of one frame."""
+
+    @property
+    def observation_shape(self) -> tuple[int, ...]:
+        """Shape of one observation: (frame_stack, *frame_shape)."""
+
+    @property
+    def num_streams(self) -> int:
+        """Environments that feed the buffer."""
+
+    @property
+    def max_episode_steps(self) -> int:
+        """Steps of the longest episode."""
+
+    @property
+    def capacity_steps(self) -> int:
+        """Steps kept over all episodes."""
+
+    @property
+    def frame_stack(self) -> int:
+        """Frames in one observation."""
+
+    @property
+    def num_goals(self) -> int:
+        """Goal classes."""
+
+    @property
+    def num_interactions(self) -> int:
+        """Interactions."""
+
+    @property
+    def first_interaction_action(self) -> int:
+        """The action that does interaction 0."""
+
+    def __len__(self) -> int:
+        """Finished episodes stored."""
+
+@final
+class EpisodeBatch:
+    """B whole episodes as arrays; T is the length of the longest, N the sum of all `lengths + 1`.
+
+    Observations are packed, episode by episode o_0 ..= o_T; the arrays of steps are padded with zeros.
+    `vhs.relabel` works on its own copy of lengths, outcomes and last actions: writing to the arrays does not
+    change its result.
+    """
+
+    @property
+    def observations(self) -> NDArray[np.uint8]:
+        """Stacked images, uint8 [N, frame_stack, *frame_shape]."""
+
+    @property
+    def offsets(self) -> NDArray[np.int64]:
+        """Row of each episode's first observation, int64 [B]; its final one is row `offsets + lengths`."""
+
+    @property
+    def lengths(self) -> NDArray[np.int64]:
+        """Steps of each episode, int64 [B]."""
+
+    @property
+    def actions(self) -> NDArray[np.int64]:
+        """Actions, int64 [B, T]."""
+
+    @property
+    def rewards(self) -> NDArray[np.float32]:
+        """Rewards, float32 [B, T]."""
+
+    @property
+    def values(self) -> NDArray[np.float32]:
+        """The critic's values when acting, float32 [B, T]."""
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """True inside the episode, bool [B, T]."""
+
+    @property
+    def goals(self) -> NDArray[np.int64]:
+        """Instructed goal classes, int64 [B]."""
+
+    @property
+    def interactions(self) -> NDArray[np.int64]:
+        """Instructed interactions, int64 [B]."""
+
+    @property
+    def outcomes(self) -> NDArray[np.uint8]:
+        """Numbers of `vhs.Outcome`, uint8 [B]."""
+
+    @property
+    def ids(self) -> NDArray[np.int64]:
+        """Ids, int64 [B]."""
+
+    @property
+    def hindsight(self) -> Hindsight | None:
+        """The new goals, where `sample_episodes` was asked to relabel."""
+
+    def __len__(self) -> int:
+        """B."""
+
+@final
+class Hindsight:
+    """The new goals of a batch, as row numbers: no image is copied."""
+
+    @property
+    def selected(self) -> NDArray[np.bool_]:
+        """Whether each episode is relabelled, bool [B]."""
+
+    @property
+    def goal_rows(self) -> NDArray[np.int64]:
+        """Row of each episode's final observation in `batch.observations`, int64 [B].
+
+        The new goal where selected.
+        """
+
+    @property
+    def interactions(self) -> NDArray[np.int64]:
+        """The interaction that the last action did, int64 [B].
+
+        The instructed one where the episode is not selected or its last action is a move.
+        """
+
+@final
+class Rng:
+    """A seeded generator (xoshiro256++) that samplers draw from; the same output in every version of vhs."""
+
+    def __new__(cls, seed: int = 0) -> Rng:
+        """A generator whose whole output follows from the seed, an integer in 0..2**64."""
+
+    @staticmethod
+    def from_state(state: NDArray[np.uint64]) -> Rng:
+        """A generator that goes on where the one with this state stood.
+
+        Raises:
+            ShapeError, DtypeError, ArgumentError: For what is not a state: uint64 [4], not all zero.
+        """
+
+    @property
+    def state(self) -> NDArray[np.uint64]:
+        """The state, uint64 [4]."""
+
+def relabel(
+    batch: EpisodeBatch,
+    *,
+    rng: Rng | int,
+    strategy: Literal["final"] = "final",
+    on: Sequence[int | str] | None = None,
+    probability: float = 0.8,
+) -> Hindsight:
+    """Take what failed episodes reached as what they were told to reach (paper, section 4.2).
+
+    An eligible episode gets, with the given probability, its own final observation as goal and the
+    interaction of its last action as interaction. One number is drawn an episode, eligible or not.
+
+    Args:
+        batch: Episodes of `EpisodeBuffer.gather` or `sample_episodes`.
+        rng: A generator, which moves on, or the seed of a fresh one.
+        strategy: "final": the goal is the last thing the episode saw.
+        on: Outcomes whose episodes are eligible; None: ("failure",).
+        probability: Of relabelling an eligible episode, in 0..=1.
+
+    Raises:
+        ArgumentError: For an unknown strategy or outcome, or a probability out of range.
+        DtypeError: When `on` is a single word, or `rng` neither a generator nor a seed.
+    """
+
+def discounted_returns(
+    rewards: ArrayLike, lengths: ArrayLike, gamma: float, *, out: NDArray[np.float32] | None = None
+) -> NDArray[np.float32]:
+    """Monte-Carlo returns `R_t = r_t + gamma * R_(t+1)` of padded episodes.
+
+    Args:
+        rewards: float32 [B, T]; what lies after an episode's end is not read.
+        lengths: Steps of each episode, int64 [B], in 0..=T.
+        gamma: Discount a step, in 0..=1.
+        out: float32 [B, T], written and returned.
+
+    Returns:
+        float32 [B, T], zero after each episode's end.
+
+    Raises:
+        ShapeError, DtypeError, LabelError, ArgumentError: For an argument that does not fit.
+        NonFiniteError: For NaN or infinity inside an episode.
+    """
+
+# The two ends of a rollout pool, for `vhs.rollout` alone: `RolloutPool` is the face for users. `sizes` are num_workers,
+# envs_per_worker, action_bytes, observation_bytes, blob_bytes; `offsets` where in the shared memory lie the first
+# payload, from one payload to the next, from a payload to its observation and to its final observation, the first blob,
+# from one blob to the next, and the end, all in bytes.
+
+@final
+class RolloutLearner:
+    def __init__(
+        self,
+        sizes: tuple[int, int, int, int, int],
+        leaves: Sequence[tuple[int, int]],
+        seed: int | None,
+        deadline_s: float | None,
+        dump_signal: int,
+    ) -> None:
+        """Make the shared memory and listen for deaths; `leaves` are offset and size of an observation's parts."""
+
+    @property
+    def memory(self) -> int:
+        """File descriptor of the shared memory."""
+
+    @property
+    def offsets(self) -> list[int]: ...
+    @property
+    def block_bytes(self) -> int:
+        """Size of the block that `recv` fills."""
+
+    @property
+    def columns(self) -> tuple[list[int], list[int], list[int]]:
+        """Where in a block lie the scalar columns, the observation's leaves and the final observation's, in bytes."""
+
+    def send(
+        self,
+        env_ids: ArrayLike,
+        actions: Sequence[tuple[int, int, NDArray[Any]]],
+        code: int,
+        version: int,
+        blob: bytes,
+    ) -> None:
+        """Give a command to each environment; `actions` are offset and size of a row, and the rows, contiguous."""
+
+    def wait(self, wanted: int, limit_s: float) -> bool:
+        """Whether so many answers lie ready; False after `limit_s`, or when a death or a notice wants attention."""
+
+    def recv(self, block: NDArray[np.uint8], wanted: int, limit_s: float) -> tuple[int, int, int] | None:
+        """Wait as `wait` and fill the block: rows, rows with a final observation, rows to look at."""
+
+    def seed_next(self, env_ids: ArrayLike, seeds: Sequence[int | None]) -> None: ...
+    def reseed(self, seed: int | None) -> None: ...
+    def expect_start(self, worker: int, limit_s: float) -> None: ...
+    def watch(self, worker: int, pid: int) -> None:
+        """Listen to the process that now is this worker."""
+
+    def take_deaths(self) -> list[tuple[int, bool]]:
+        """Dead workers, and whether each was killed for taking too long."""
+
+    def take_notices(self) -> list[tuple[int, int, int]]:
+        """Environments that failed or answered a call: environment, flags, length of the pickled part."""
+
+    def reclaim(self, worker: int) -> tuple[list[int], bool]:
+        """Take a dead worker's slots: which environments must be asked anew, and whether it ever answered."""
+
+    def is_running(self, env: int) -> bool: ...
+    @property
+    def stats(self) -> tuple[int, int, int, int, int]:
+        """Steps, episodes, cut episodes, quarantined episodes, restarts."""
+
+    def close(self) -> None:
+        """Tell the workers to leave and stop listening."""
+
+@final
+class RolloutWorker:
+    def __init__(
+        self,
+        memory: int,
+        sizes: tuple[int, int, int, int, int],
+        worker: int,
+        deadline_s: float | None,
+        cpu: int | None,
+    ) -> None:
+        """Take up the post of a worker, on a core of its own if one is given."""
+
+    @property
+    def offsets(self) -> list[int]: ...
+    @property
+    def epoch(self) -> int:
+        """Which incarnation of the worker this is."""
+
+    def next(self, limit_s: float) -> tuple[int, int, int, int | None, int]:
+        """Environment within the worker, code, version, next seed, length of the pickled part.
+
+        The environment is -1 when nothing came within `limit_s` and -2 when the pool closes.
+        """
+
+    def allow(self, extra_s: float) -> None:
+        """Give the command under way so much time from now."""
+
+    def commit(
+        self, env: int, flags: int, reward: float, step: int, seed: int, blob_bytes: int, version: int
+    ) -> None:
+        """Answer the command of an environment."""
+
+    @staticmethod
+    def end_with(parent: int, by_signal: bool) -> None:
+        """Make this process end with its parent."""
+
+class VhsError(Exception):
+    """Base of everything that vhs refuses, except errors of the operating system (OSError)."""
+
+class ShapeError(VhsError, ValueError):
+    """An array has another shape than expected."""
+
+class DtypeError(VhsError, TypeError):
+    """An array or a number has another type than expected."""
+
+class LayoutError(VhsError, ValueError):
+    """An `out` array cannot be written in place: not contiguous, read-only or in use."""
+
+class ArgumentError(VhsError, ValueError):
+    """A setting is out of range, or a word is not one of those known."""
+
+class LabelError(VhsError, IndexError):
+    """A class, goal, interaction, action or stream number is out of range."""
+
+class NonFiniteError(VhsError, ValueError):
+    """A reward, value or feature is NaN or infinite."""
+
+class EmptyError(VhsError, LookupError):
+    """Something was to be sampled from nothing."""
+
+class EpisodeError(VhsError, LookupError):
+    """No episode with this id is stored: it was evicted or never existed."""
+
+class ProtocolError(VhsError, RuntimeError):
+    """A call came in the wrong state of a stream, such as finishing an episode twice."""
+
+class OutOfMemoryError(VhsError, MemoryError):
+    """The allocator refused."""
+
+class DamagedFileError(VhsError, ValueError):
+    """A file is not one of ours, is cut short or has been altered."""
