@@ -6,7 +6,7 @@ RUST := $(shell find rust -name '*.rs' -not -path '*/target/*') $(shell find rus
 CONFIG ?= configs/task2.yaml
 ARGS ?=
 
-.PHONY: help train test lint format bench ci clean
+.PHONY: help train test lint format bench loom tsan ci clean
 .DEFAULT_GOAL := help
 
 help:  ## show this list
@@ -35,6 +35,15 @@ format: $(VENV)/.dev  ## format the Rust and the Python code
 
 bench: $(VENV)/.dev $(VENV)/.built  ## run every benchmark; each asserts its own result first
 	set -e; for file in benchmarks/bench_*.py; do $(BIN)/python $$file; done
+
+loom:  ## explore every interleaving of the scheduler's lock-free parts
+	RUSTFLAGS="--cfg loom" CARGO_TARGET_DIR=target/loom cargo test -p vhs-rollout --release --test loom
+
+# The sanitiser is unstable, hence the bootstrap variable; the standard library is not instrumented, hence the second flag.
+tsan:  ## run the scheduler's Rust tests under ThreadSanitizer
+	TSAN_OPTIONS="suppressions=$(CURDIR)/rust/vhs-rollout/tsan-suppressions.txt" \
+		RUSTC_BOOTSTRAP=1 RUSTFLAGS="-Zsanitizer=thread -Cunsafe-allow-abi-mismatch=sanitizer" CARGO_TARGET_DIR=target/tsan \
+		cargo test -p vhs-rollout --target x86_64-unknown-linux-gnu --test threads --test processes --test protocol
 
 ci: test  ## what the continuous integration runs: the same as test
 

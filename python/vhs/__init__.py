@@ -4,6 +4,8 @@ This module is the storage and relabelling library: it needs numpy alone. The en
 the training code are imported on their own.
 """
 
+from typing import TYPE_CHECKING, Any
+
 from vhs._core import (
     ArgumentError,
     DamagedFileError,
@@ -30,6 +32,9 @@ from vhs._core import (
 from vhs.outcome import Outcome
 from vhs.raster import RasterRenderer
 
+if TYPE_CHECKING:
+    from vhs.rollout import RolloutPool
+
 __all__ = [
     "ArgumentError",
     "DamagedFileError",
@@ -49,9 +54,19 @@ __all__ = [
     "Prototypes",
     "RasterRenderer",
     "Rng",
+    "RolloutPool",
     "ShapeError",
     "VhsError",
     "__version__",
     "discounted_returns",
     "relabel",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    # The pool needs gymnasium, which the library alone does without.
+    if name == "RolloutPool":
+        from vhs.rollout import RolloutPool
+
+        return RolloutPool
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -42,6 +42,9 @@ __all__ = [
     "RasterCanvas",
     "RasterScene",
     "Rng",
+    "Rng",
+    "RolloutLearner",
+    "RolloutWorker",
     "ShapeError",
     "VhsError",
     "__version__",
@@ -764,6 +767,112 @@ class RasterCanvas:
         look_at: Sequence[float], distance: float, azimuth: float, elevation: float
     ) -> tuple[list[float], list[float], list[float]]:
         """Position, gaze and up vector of a camera that circles a point; angles in degrees."""
+
+# The two ends of a rollout pool, for `vhs.rollout` alone: `RolloutPool` is the face for users. `sizes` are num_workers,
+# envs_per_worker, action_bytes, observation_bytes, blob_bytes; `offsets` where in the shared memory lie the first
+# payload, from one payload to the next, from a payload to its observation and to its final observation, the first blob,
+# from one blob to the next, and the end, all in bytes.
+
+@final
+class RolloutLearner:
+    def __init__(
+        self,
+        sizes: tuple[int, int, int, int, int],
+        leaves: Sequence[tuple[int, int]],
+        seed: int | None,
+        deadline_s: float | None,
+        dump_signal: int,
+    ) -> None:
+        """Make the shared memory and listen for deaths; `leaves` are offset and size of an observation's parts."""
+
+    @property
+    def memory(self) -> int:
+        """File descriptor of the shared memory."""
+
+    @property
+    def offsets(self) -> list[int]: ...
+    @property
+    def block_bytes(self) -> int:
+        """Size of the block that `recv` fills."""
+
+    @property
+    def columns(self) -> tuple[list[int], list[int], list[int]]:
+        """Where in a block lie the scalar columns, the observation's leaves and the final observation's, in bytes."""
+
+    def send(
+        self,
+        env_ids: ArrayLike,
+        actions: Sequence[tuple[int, int, NDArray[Any]]],
+        code: int,
+        version: int,
+        blob: bytes,
+    ) -> None:
+        """Give a command to each environment; `actions` are offset and size of a row, and the rows, contiguous."""
+
+    def wait(self, wanted: int, limit_s: float) -> bool:
+        """Whether so many answers lie ready; False after `limit_s`, or when a death or a notice wants attention."""
+
+    def recv(self, block: NDArray[np.uint8], wanted: int, limit_s: float) -> tuple[int, int, int] | None:
+        """Wait as `wait` and fill the block: rows, rows with a final observation, rows to look at."""
+
+    def seed_next(self, env_ids: ArrayLike, seeds: Sequence[int | None]) -> None: ...
+    def reseed(self, seed: int | None) -> None: ...
+    def expect_start(self, worker: int, limit_s: float) -> None: ...
+    def watch(self, worker: int, pid: int) -> None:
+        """Listen to the process that now is this worker."""
+
+    def take_deaths(self) -> list[tuple[int, bool]]:
+        """Dead workers, and whether each was killed for taking too long."""
+
+    def take_notices(self) -> list[tuple[int, int, int]]:
+        """Environments that failed or answered a call: environment, flags, length of the pickled part."""
+
+    def reclaim(self, worker: int) -> tuple[list[int], bool]:
+        """Take a dead worker's slots: which environments must be asked anew, and whether it ever answered."""
+
+    def is_running(self, env: int) -> bool: ...
+    @property
+    def stats(self) -> tuple[int, int, int, int, int]:
+        """Steps, episodes, cut episodes, quarantined episodes, restarts."""
+
+    def close(self) -> None:
+        """Tell the workers to leave and stop listening."""
+
+@final
+class RolloutWorker:
+    def __init__(
+        self,
+        memory: int,
+        sizes: tuple[int, int, int, int, int],
+        worker: int,
+        deadline_s: float | None,
+        cpu: int | None,
+    ) -> None:
+        """Take up the post of a worker, on a core of its own if one is given."""
+
+    @property
+    def offsets(self) -> list[int]: ...
+    @property
+    def epoch(self) -> int:
+        """Which incarnation of the worker this is."""
+
+    def next(self, limit_s: float) -> tuple[int, int, int, int | None, int]:
+        """Environment within the worker, code, version, next seed, length of the pickled part.
+
+        The environment is -1 when nothing came within `limit_s` and -2 when the pool closes.
+        """
+
+    def allow(self, extra_s: float) -> None:
+        """Give the command under way so much time from now."""
+
+    def commit(
+        self, env: int, flags: int, reward: float, step: int, seed: int, blob_bytes: int, version: int
+    ) -> None:
+        """Answer the command of an environment."""
+
+    @staticmethod
+    def end_with(parent: int, by_signal: bool) -> None:
+        """Make this process end with its parent."""
 
 class VhsError(Exception):
     """Base of everything that vhs refuses, except errors of the operating system (OSError)."""

@@ -102,7 +102,7 @@ pub(crate) fn filled<'py, T: Element, X>(
 }
 
 /// A caller's `out` array: this type and shape, contiguous, writable.
-fn exclusive<'py, T: Element>(
+pub(crate) fn exclusive<'py, T: Element>(
     argument: &Bound<'py, PyAny>,
     expected: &[usize],
 ) -> PyResult<PyReadwriteArrayDyn<'py, T>> {

@@ -14,6 +14,7 @@ mod raster;
 mod relabel;
 mod returns;
 mod rng;
+mod rollout;
 
 /// The compiled half of the Python package `vhs`.
 #[pyo3::pymodule]
@@ -34,6 +35,8 @@ mod _core {
     use crate::returns::discounted_returns;
     #[pymodule_export]
     use crate::rng::Rng;
+    #[pymodule_export]
+    use crate::rollout::{RolloutLearner, RolloutWorker};
 
     use pyo3::prelude::*;
 

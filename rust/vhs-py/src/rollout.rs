@@ -1,0 +1,391 @@
+//! `vhs._core.RolloutLearner` and `RolloutWorker`: the two ends of a pool, for `vhs.rollout` alone.
+
+use std::os::fd::{AsRawFd, BorrowedFd, OwnedFd};
+use std::sync::{Arc, Mutex, PoisonError, TryLockError};
+use std::time::Duration;
+
+use numpy::{PyArrayDescrMethods, PyUntypedArray, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+use vhs_rollout::batch::Leaf;
+use vhs_rollout::layout::{Layout, Shape};
+use vhs_rollout::learner::Waited;
+use vhs_rollout::mapping::Mapping;
+use vhs_rollout::pool::{Pool, Rows};
+use vhs_rollout::process;
+use vhs_rollout::slot::Answer;
+use vhs_rollout::watch::Watch;
+use vhs_rollout::worker::{Task, Worker};
+
+use crate::arrays::{check_vector, checked, detached, exclusive, integer_vec, integers, slice};
+use crate::error::layout;
+
+/// The five sizes of a pool, in the order of `Shape`'s fields.
+type Sizes = (usize, usize, usize, usize, usize);
+/// Offset and size of a part of an observation.
+type Part = (usize, usize);
+/// Offset in the payload, bytes a row, and the rows: an array of whatever type, contiguous.
+type ActionPart<'py> = (usize, usize, Bound<'py, PyUntypedArray>);
+
+fn shape(sizes: Sizes) -> Shape {
+    Shape {
+        num_workers: sizes.0,
+        envs_per_worker: sizes.1,
+        action_bytes: sizes.2,
+        observation_bytes: sizes.3,
+        blob_bytes: sizes.4,
+    }
+}
+
+/// Where payloads and blobs lie; see the stub.
+fn offsets(layout: &Layout) -> Vec<usize> {
+    vec![
+        layout.payloads,
+        layout.payload_stride,
+        layout.observation,
+        layout.final_observation,
+        layout.blobs,
+        layout.blob_stride,
+        layout.total,
+    ]
+}
+
+/// Seconds as a duration; negative and NaN are 0, too large is a year.
+fn duration(seconds: f64) -> Duration {
+    const YEAR_S: f64 = 3e7;
+    if seconds > 0.0 {
+        Duration::from_secs_f64(seconds.min(YEAR_S))
+    } else {
+        Duration::ZERO
+    }
+}
+
+/// The bytes of an action's array, where they lie.
+fn rows_of<'a>(part: &'a ActionPart<'_>) -> PyResult<Rows<'a>> {
+    let (offset, row_bytes, array) = part;
+    if !array.is_c_contiguous() {
+        return Err(layout("actions", "a C-contiguous array", "one with gaps"));
+    }
+    // SAFETY: a contiguous array has so many bytes behind its pointer. They are read while the interpreter is held, so
+    // no Python code changes or frees them meanwhile.
+    let bytes = unsafe {
+        let data = (*array.as_array_ptr()).fields.data.cast::<u8>();
+        std::slice::from_raw_parts(data, array.len() * array.dtype().itemsize())
+    };
+    Ok(Rows {
+        offset: *offset,
+        row_bytes: *row_bytes,
+        bytes,
+    })
+}
+
+/// Runs short work on what the mutex guards without letting the interpreter go, unless another thread has the lock.
+fn attached<T, R>(py: Python<'_>, shared: &Mutex<T>, work: impl FnOnce(&mut T) -> R) -> R
+where
+    T: Send,
+{
+    loop {
+        match shared.try_lock() {
+            Ok(mut guard) => return work(&mut guard),
+            Err(TryLockError::Poisoned(error)) => return work(&mut error.into_inner()),
+            // The other thread waits in `recv`; wait for it without the interpreter, which it may want.
+            Err(TryLockError::WouldBlock) => detached(py, shared, |_| ()),
+        }
+    }
+}
+
+/// The learner's end of a pool; see the stub for its documentation.
+#[pyclass(frozen, module = "vhs._core")]
+pub(crate) struct RolloutLearner {
+    pool: Mutex<Pool>,
+    watch: Mutex<Option<Watch>>,
+    mapping: Arc<Mapping>,
+    block_bytes: usize,
+}
+
+#[pymethods]
+impl RolloutLearner {
+    #[new]
+    #[pyo3(signature = (sizes, leaves, seed, deadline_s, dump_signal))]
+    fn new(
+        sizes: Sizes,
+        leaves: Vec<Part>,
+        seed: Option<u64>,
+        deadline_s: Option<f64>,
+        dump_signal: i32,
+    ) -> PyResult<Self> {
+        let mapping = Arc::new(checked(Mapping::create(shape(sizes)))?);
+        let leaves = leaves.into_iter();
+        let leaves = leaves
+            .map(|(offset, bytes)| Leaf { offset, bytes })
+            .collect();
+        let pool = checked(Pool::new(Arc::clone(&mapping), leaves, seed))?;
+        let watch = Watch::start(Arc::clone(&mapping), deadline_s.map(duration), dump_signal)?;
+        Ok(Self {
+            block_bytes: pool.batch().total,
+            pool: Mutex::new(pool),
+            watch: Mutex::new(Some(watch)),
+            mapping,
+        })
+    }
+
+    #[getter]
+    fn memory(&self) -> i32 {
+        self.mapping.memory().as_raw_fd()
+    }
+
+    #[getter]
+    fn offsets(&self) -> Vec<usize> {
+        offsets(self.mapping.layout())
+    }
+
+    #[getter]
+    fn block_bytes(&self) -> usize {
+        self.block_bytes
+    }
+
+    #[getter]
+    fn columns(&self, py: Python<'_>) -> (Vec<usize>, Vec<usize>, Vec<usize>) {
+        detached(py, &self.pool, |pool| {
+            let batch = pool.batch();
+            let scalars = vec![
+                batch.env_ids,
+                batch.rewards,
+                batch.versions,
+                batch.seeds,
+                batch.steps,
+                batch.blob_bytes,
+                batch.flags,
+                batch.terminated,
+                batch.truncated,
+                batch.first,
+                batch.final_rows,
+            ];
+            (scalars, batch.observations.clone(), batch.finals.clone())
+        })
+    }
+
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "extracted arguments are owned"
+    )]
+    fn send(
+        &self,
+        py: Python<'_>,
+        env_ids: &Bound<'_, PyAny>,
+        actions: Vec<ActionPart<'_>>,
+        code: u32,
+        version: i64,
+        blob: &[u8],
+    ) -> PyResult<()> {
+        let envs = integers("env_ids", env_ids)?;
+        check_vector("env_ids", envs.shape())?;
+        let rows: PyResult<Vec<Rows<'_>>> = actions.iter().map(rows_of).collect();
+        let rows = rows?;
+        // Nothing here waits or takes long, so the interpreter is kept, and with it the actions as they are.
+        checked(attached(py, &self.pool, |pool| {
+            pool.send(slice(&envs), &rows, code, version, blob)
+        }))
+    }
+
+    fn wait(&self, py: Python<'_>, wanted: usize, limit_s: f64) -> bool {
+        let limit = duration(limit_s);
+        detached(py, &self.pool, |pool| pool.wait(wanted, limit)) == Waited::Ready
+    }
+
+    fn recv(
+        &self,
+        py: Python<'_>,
+        block: &Bound<'_, PyAny>,
+        wanted: usize,
+        limit_s: f64,
+    ) -> PyResult<Option<(usize, usize, usize)>> {
+        let mut block = exclusive::<u8>(block, &[self.block_bytes])?;
+        let (bytes, limit) = (block.as_slice_mut()?, duration(limit_s));
+        let filled = detached(py, &self.pool, |pool| match pool.wait(wanted, limit) {
+            Waited::Ready => pool.fill(bytes).map(Some),
+            Waited::Paused => Ok(None),
+        });
+        Ok(checked(filled)?.map(|filled| (filled.rows, filled.finals, filled.notable)))
+    }
+
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "extracted arguments are owned"
+    )]
+    fn seed_next(
+        &self,
+        py: Python<'_>,
+        env_ids: &Bound<'_, PyAny>,
+        seeds: Vec<Option<u64>>,
+    ) -> PyResult<()> {
+        let envs = integer_vec("env_ids", env_ids)?;
+        checked(detached(py, &self.pool, |pool| {
+            pool.seed_next(&envs, &seeds)
+        }))
+    }
+
+    fn reseed(&self, py: Python<'_>, seed: Option<u64>) {
+        detached(py, &self.pool, |pool| pool.reseed(seed));
+    }
+
+    fn expect_start(&self, py: Python<'_>, worker: usize, limit_s: f64) {
+        let limit = duration(limit_s);
+        detached(py, &self.pool, |pool| pool.expect_start(worker, limit));
+    }
+
+    fn watch(&self, worker: usize, pid: i32) -> PyResult<()> {
+        let watch = self.watch.lock().unwrap_or_else(PoisonError::into_inner);
+        watch
+            .as_ref()
+            .map_or(Ok(()), |watch| Ok(watch.add(worker, pid)?))
+    }
+
+    fn take_deaths(&self) -> Vec<(usize, bool)> {
+        let watch = self.watch.lock().unwrap_or_else(PoisonError::into_inner);
+        let deaths = watch.as_ref().map(Watch::take_deaths).unwrap_or_default();
+        let deaths = deaths.into_iter();
+        deaths
+            .map(|death| (death.worker, death.was_overdue))
+            .collect()
+    }
+
+    fn take_notices(&self, py: Python<'_>) -> Vec<(usize, u32, u32)> {
+        let notices = detached(py, &self.pool, Pool::take_notices).into_iter();
+        notices
+            .map(|(env, answer)| (env, answer.flags, answer.blob_bytes))
+            .collect()
+    }
+
+    fn reclaim(&self, py: Python<'_>, worker: usize) -> (Vec<i64>, bool) {
+        detached(py, &self.pool, |pool| {
+            let has_answered = pool.has_answered(worker);
+            (pool.reclaim(worker), has_answered)
+        })
+    }
+
+    fn is_running(&self, py: Python<'_>, env: i64) -> PyResult<bool> {
+        checked(detached(py, &self.pool, |pool| pool.is_running(env)))
+    }
+
+    #[getter]
+    fn stats(&self, py: Python<'_>) -> (u64, u64, u64, u64, u64) {
+        let stats = detached(py, &self.pool, |pool| pool.stats());
+        (
+            stats.steps,
+            stats.episodes,
+            stats.cut_episodes,
+            stats.quarantined_episodes,
+            stats.restarts,
+        )
+    }
+
+    fn close(&self, py: Python<'_>) {
+        detached(py, &self.pool, Pool::close);
+        // Workers that leave now are no deaths to hear of; the drop waits for the thread, which may want the interpreter.
+        let watch = self
+            .watch
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        py.detach(|| drop(watch));
+    }
+}
+
+/// A worker's end of a pool; see the stub for its documentation.
+#[pyclass(frozen, module = "vhs._core")]
+pub(crate) struct RolloutWorker {
+    worker: Mutex<Worker>,
+    mapping: Arc<Mapping>,
+}
+
+#[pymethods]
+impl RolloutWorker {
+    #[new]
+    fn new(
+        memory: i32,
+        sizes: Sizes,
+        worker: usize,
+        deadline_s: Option<f64>,
+        cpu: Option<usize>,
+    ) -> PyResult<Self> {
+        // SAFETY: the descriptor is borrowed for the duplication alone, and a wrong number is an error of that call.
+        let memory: OwnedFd = unsafe { BorrowedFd::borrow_raw(memory) }.try_clone_to_owned()?;
+        let mapping = Arc::new(checked(Mapping::open(memory, shape(sizes)))?);
+        let limit = deadline_s.map(duration);
+        let mut end = checked(Worker::new(Arc::clone(&mapping), worker, limit))?;
+        if let Some(cpu) = cpu {
+            end.pin(cpu);
+        }
+        Ok(Self {
+            worker: Mutex::new(end),
+            mapping,
+        })
+    }
+
+    #[getter]
+    fn offsets(&self) -> Vec<usize> {
+        offsets(self.mapping.layout())
+    }
+
+    #[getter]
+    fn epoch(&self, py: Python<'_>) -> u32 {
+        detached(py, &self.worker, |worker| worker.epoch().number())
+    }
+
+    fn next(&self, py: Python<'_>, limit_s: f64) -> (i64, u32, i64, Option<u64>, u32) {
+        // A command that has come already is worth no release of the interpreter.
+        let task = attached(py, &self.worker, Worker::poll).unwrap_or_else(|| {
+            let limit = duration(limit_s);
+            detached(py, &self.worker, |worker| worker.next(limit))
+        });
+        match task {
+            Task::Command(env, command) => (
+                i64::try_from(env).unwrap_or(i64::MAX),
+                command.code,
+                command.version,
+                command.next_seed,
+                command.blob_bytes,
+            ),
+            Task::Nothing => (-1, 0, 0, None, 0),
+            Task::Leave => (-2, 0, 0, None, 0),
+        }
+    }
+
+    fn allow(&self, py: Python<'_>, extra_s: f64) {
+        let extra = duration(extra_s);
+        detached(py, &self.worker, |worker| worker.allow(extra));
+    }
+
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "one positional call a step is the cheapest"
+    )]
+    fn commit(
+        &self,
+        py: Python<'_>,
+        env: usize,
+        flags: u32,
+        reward: f64,
+        step: u32,
+        seed: u64,
+        blob_bytes: u32,
+        version: i64,
+    ) -> PyResult<()> {
+        let answer = Answer {
+            flags,
+            reward,
+            step,
+            seed,
+            blob_bytes,
+            version,
+        };
+        checked(attached(py, &self.worker, |worker| {
+            worker.commit(env, &answer)
+        }))
+    }
+
+    #[staticmethod]
+    fn end_with(parent: i32, by_signal: bool) -> PyResult<()> {
+        Ok(process::end_with(parent, by_signal)?)
+    }
+}

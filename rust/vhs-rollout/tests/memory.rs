@@ -1,0 +1,194 @@
+//! The shared memory and the pool refuse what they must, and change nothing by it.
+#![cfg(not(loom))]
+
+use std::os::fd::AsFd;
+use std::sync::Arc;
+use std::time::Duration;
+
+use vhs_core::error::Error;
+use vhs_rollout::batch::Leaf;
+use vhs_rollout::flags::{BEGIN, CUT, FIRST, STEP};
+use vhs_rollout::layout::{Layout, MAX_ENVS_PER_WORKER, Shape};
+use vhs_rollout::mapping::Mapping;
+use vhs_rollout::pool::{Pool, Rows, Stats};
+use vhs_rollout::slot::Answer;
+use vhs_rollout::worker::{Task, Worker};
+
+const SHAPE: Shape = Shape {
+    num_workers: 1,
+    envs_per_worker: 2,
+    action_bytes: 4,
+    observation_bytes: 100,
+    blob_bytes: 10,
+};
+
+fn pool(seed: Option<u64>) -> Pool {
+    let mapping = Arc::new(Mapping::create(SHAPE).unwrap());
+    let leaf = Leaf {
+        offset: 0,
+        bytes: 100,
+    };
+    Pool::new(mapping, vec![leaf], seed).unwrap()
+}
+
+#[test]
+fn sizes_out_of_range_are_refused() {
+    for wrong in [
+        Shape {
+            num_workers: 0,
+            ..SHAPE
+        },
+        Shape {
+            envs_per_worker: MAX_ENVS_PER_WORKER + 1,
+            ..SHAPE
+        },
+        Shape {
+            observation_bytes: usize::MAX / 2,
+            ..SHAPE
+        },
+    ] {
+        assert!(matches!(Layout::new(wrong), Err(Error::Argument { .. })));
+    }
+}
+
+#[test]
+fn parts_do_not_overlap_and_payloads_are_aligned() {
+    let layout = Layout::new(SHAPE).unwrap();
+    assert_eq!(layout.payload_stride, 64 + 128 + 128);
+    assert_eq!(layout.payloads % 64, 0);
+    assert!(layout.payloads + 2 * layout.payload_stride <= layout.blobs);
+    assert_eq!(layout.blobs + 2 * layout.blob_stride, layout.total);
+}
+
+#[test]
+fn memory_of_another_shape_is_refused() {
+    let mapping = Mapping::create(SHAPE).unwrap();
+    let memory = || mapping.memory().as_fd().try_clone_to_owned().unwrap();
+    assert!(Mapping::open(memory(), SHAPE).is_ok());
+    let other = Shape {
+        observation_bytes: 101,
+        ..SHAPE
+    };
+    let error = Mapping::open(memory(), other).unwrap_err();
+    assert!(
+        error.to_string().contains("expected 101, found 100"),
+        "{error}"
+    );
+    let larger = Shape {
+        num_workers: 2,
+        ..SHAPE
+    };
+    assert!(matches!(
+        Mapping::open(memory(), larger),
+        Err(Error::Damaged { .. })
+    ));
+}
+
+#[test]
+fn a_refused_send_changes_nothing() {
+    let mut pool = pool(None);
+    let action = [1, 2, 3, 4, 5, 6, 7, 8];
+    let rows = |bytes| Rows {
+        offset: 0,
+        row_bytes: 4,
+        bytes,
+    };
+    let refused = [
+        pool.send(&[0, 2], &[rows(&action)], STEP, 0, &[])
+            .unwrap_err(),
+        pool.send(&[0, 0], &[rows(&action)], STEP, 0, &[])
+            .unwrap_err(),
+        pool.send(&[0, 1], &[rows(&action[..4])], STEP, 0, &[])
+            .unwrap_err(),
+        pool.send(&[0], &[], BEGIN, 0, &[0; 11]).unwrap_err(),
+    ];
+    let kinds = refused.map(|error| match error {
+        Error::Label { .. } => 'l',
+        Error::Argument { .. } => 'a',
+        Error::Shape { .. } => 's',
+        _ => '?',
+    });
+    assert_eq!(kinds, ['l', 'a', 's', 'a']);
+    pool.send(&[0, 1], &[rows(&action)], STEP, 0, &[]).unwrap();
+    let again = pool.send(&[1], &[rows(&action[..4])], STEP, 0, &[]);
+    assert!(matches!(again, Err(Error::Protocol { stream: 1, .. })));
+}
+
+#[test]
+fn a_block_of_another_size_is_refused() {
+    let mut pool = pool(None);
+    let total = pool.batch().total;
+    assert!(matches!(
+        pool.fill(&mut vec![0; total - 1]),
+        Err(Error::Shape { .. })
+    ));
+    assert_eq!(pool.fill(&mut vec![0; total]).unwrap().rows, 0);
+}
+
+/// Answers every command that lies ready with these flags.
+fn answer(worker: &mut Worker, flags: u32) -> Vec<Option<u64>> {
+    let mut seeds = Vec::new();
+    while let Task::Command(local, command) = worker.next(Duration::ZERO) {
+        seeds.push(command.next_seed);
+        let answer = Answer {
+            flags,
+            seed: command.next_seed.unwrap_or_default(),
+            ..Answer::default()
+        };
+        worker.commit(local, &answer).unwrap();
+    }
+    seeds
+}
+
+#[test]
+fn seeds_follow_from_environment_and_episode_alone() {
+    let (mut one, mut other) = (pool(Some(3)), pool(Some(3)));
+    let mut seeds = Vec::new();
+    for pool in [&mut one, &mut other] {
+        let mut worker = Worker::new(Arc::clone(pool.mapping()), 0, None).unwrap();
+        let mut block = vec![0; pool.batch().total];
+        let mut begin = |pool: &mut Pool, env| {
+            pool.send(&[env], &[], BEGIN, 0, &[]).unwrap();
+            let seeds = answer(&mut worker, FIRST);
+            pool.wait(1, Duration::ZERO);
+            pool.fill(&mut block).unwrap();
+            seeds[0].unwrap()
+        };
+        // The second pool begins them in another order.
+        if seeds.is_empty() {
+            seeds = [0, 0, 1].map(|env| begin(pool, env)).to_vec();
+        } else {
+            let [c, a, b] = [1, 0, 0].map(|env| begin(pool, env));
+            assert_eq!(seeds, [a, b, c]);
+        }
+    }
+    assert!(seeds[0] != seeds[1] && seeds[0] != seeds[2] && seeds[1] != seeds[2]);
+}
+
+#[test]
+fn a_cut_episode_is_counted_once_and_told_with_the_next_first_observation() {
+    let mut pool = pool(Some(1));
+    let mut block = vec![0; pool.batch().total];
+    let mut worker = Worker::new(Arc::clone(pool.mapping()), 0, None).unwrap();
+    pool.send(&[0, 1], &[], BEGIN, 0, &[]).unwrap();
+    answer(&mut worker, FIRST);
+    pool.wait(2, Duration::ZERO);
+    assert_eq!(pool.fill(&mut block).unwrap().notable, 0);
+    pool.send(&[1], &[], STEP, 0, &[]).unwrap();
+    // Environment 0 is held, 1 has a command: both lose their episodes, the command must be given again.
+    assert_eq!(pool.reclaim(0), [1]);
+    let mut worker = Worker::new(Arc::clone(pool.mapping()), 0, None).unwrap();
+    pool.send(&[0, 1], &[], BEGIN, 0, &[]).unwrap();
+    answer(&mut worker, FIRST);
+    pool.wait(2, Duration::ZERO);
+    let filled = pool.fill(&mut block).unwrap();
+    assert_eq!((filled.rows, filled.notable), (2, 2));
+    let flags = &block[pool.batch().flags..][..8];
+    assert_eq!(flags, [FIRST | CUT; 2].map(u32::to_ne_bytes).concat());
+    let expected = Stats {
+        cut_episodes: 2,
+        restarts: 1,
+        ..Stats::default()
+    };
+    assert_eq!(pool.stats(), expected);
+}

@@ -1,0 +1,6 @@
+"""Makes the environments of these tests importable by name, for spawned processes too."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
