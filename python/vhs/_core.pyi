@@ -42,7 +42,6 @@ __all__ = [
     "RasterCanvas",
     "RasterScene",
     "Rng",
-    "Rng",
     "RolloutLearner",
     "RolloutWorker",
     "ShapeError",

@@ -34,6 +34,11 @@ class EnvSection(_Section):
 
     num_envs: PositiveInt = 8
     """Rooms stepped side by side (paper: 5 processes of one room)."""
+    num_workers: Annotated[int, Field(ge=0)] = 0
+    """Processes that step the rooms while this one learns (on Linux); 0 steps them in this process."""
+    min_ready: PositiveInt | None = None
+    """Rooms that must have answered before the next inference; null waits for all (lock-step), and then the
+    result does not depend on the number of workers."""
     renderer: str = "raster"
     """What draws the camera image, as `vhs.envs` names it."""
     room: dict[str, Any] = Field(default_factory=dict)
@@ -128,6 +133,20 @@ class Config(_Section):
     model: ModelSection = Field(default_factory=ModelSection)
     method: MethodSection = Field(default_factory=MethodSection)
     train: TrainSection = Field(default_factory=TrainSection)
+
+    @model_validator(mode="after")
+    def _workers_share_rooms(self) -> Config:
+        env = self.env
+        if env.num_workers and env.num_envs % env.num_workers:
+            raise ValueError(
+                f"env.num_envs: expected a multiple of env.num_workers = {env.num_workers}, "
+                f"found {env.num_envs}"
+            )
+        if env.min_ready is not None and env.min_ready > env.num_envs:
+            raise ValueError(
+                f"env.min_ready: expected at most env.num_envs = {env.num_envs}, found {env.min_ready}"
+            )
+        return self
 
     @model_validator(mode="after")
     def _warmup_fits_store(self) -> Config:

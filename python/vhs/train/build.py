@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import fields
 from typing import Any
 
@@ -16,6 +17,7 @@ from vhs.envs import TASKS, RoomConfig, Task
 from vhs.envs.rendering import check_renderer
 from vhs.errors import ConfigError
 from vhs.models import FeatureExtractor, GoalAgent
+from vhs.train.rooms import LocalRooms, PooledRooms, Rooms
 
 
 def room_config(config: Config) -> RoomConfig:
@@ -43,6 +45,22 @@ def make_envs(config: Config, count: int, **kwargs: Any) -> list[gymnasium.Env[A
     """`count` rooms of the configured task."""
     env_id, room = f"vhs/{task_of(config).name}-v0", room_config(config)
     return [gymnasium.make(env_id, config=room, renderer=config.env.renderer, **kwargs) for _ in range(count)]
+
+
+def make_rooms(config: Config, count: int) -> Rooms:
+    """`count` rooms that answer: in this process, or in `env.num_workers` others."""
+    if not config.env.num_workers:
+        return LocalRooms(make_envs(config, count))
+    from vhs.rollout import RolloutPool
+
+    pool = RolloutPool(
+        lambda: make_envs(config, 1)[0],
+        config.env.num_workers,
+        count // config.env.num_workers,
+        autoreset="Disabled",
+        on_error="raise",
+    )
+    return PooledRooms(pool, config.env.min_ready)
 
 
 def make_agent(config: Config, env: gymnasium.Env[Any, Any]) -> GoalAgent:
@@ -117,6 +135,8 @@ def check_runnable(config: Config) -> None:
         ConfigError: one of them cannot be had; nothing was made.
     """
     room_config(config)
+    if config.env.num_workers and not sys.platform.startswith("linux"):
+        raise ConfigError(f"env.num_workers: expected 0 on {sys.platform}, found {config.env.num_workers}")
     try:
         check_renderer(config.env.renderer)
     except ValueError as error:

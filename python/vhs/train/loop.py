@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
@@ -13,13 +14,12 @@ import torch
 
 from vhs.config import Config
 from vhs.train.actor import Actor
-from vhs.train.build import check_runnable, make_buffer, make_envs, make_learner
+from vhs.train.build import check_runnable, make_buffer, make_envs, make_learner, make_rooms
 from vhs.train.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
 from vhs.train.directory import check_run, open_run
 from vhs.train.interrupt import stop_on_signal
 from vhs.train.log import RunLog, Window
 from vhs.train.rollout import EndedEpisode, Rollout, episode_seeds
-from vhs.train.rooms import LocalRooms
 
 
 @dataclass(slots=True)
@@ -55,6 +55,7 @@ def train(config: Config, run: Path, stream: TextIO | None = None) -> bool:
     session = _Session(config, run)
     open_run(config, run)
     with (
+        closing(session),
         RunLog(run, config.train.episodes, session.progress.episodes, stream) as log,
         stop_on_signal() as stop,
     ):
@@ -80,18 +81,17 @@ class _Session:
         self._config = config
         self._run = run
         self.progress = Progress()
-        envs = make_envs(config, config.env.num_envs)
-        self._learner = make_learner(config, envs[0])
+        env, streams = make_envs(config, 1)[0], config.env.num_envs
+        self._learner = make_learner(config, env)
         self._generator = torch.Generator().manual_seed(config.seed)
         if has_checkpoint(run):
             self._restore()
-        self._buffer = make_buffer(config, envs[0], len(envs), len(envs) + config.train.episodes_per_update)
-        actor = Actor(self._learner.agent, len(envs), dtype=self._learner.dtype, generator=self._generator)
+        self._buffer = make_buffer(config, env, streams, streams + config.train.episodes_per_update)
+        actor = Actor(self._learner.agent, streams, dtype=self._learner.dtype, generator=self._generator)
         self._begun_before = self.progress.begun
         seeds = episode_seeds(config.seed, first=self._begun_before)
-        self._rollout = Rollout(
-            LocalRooms(envs), len(envs), actor, self._buffer, self._learner.embed_goal, seeds
-        )
+        self._rooms = make_rooms(config, streams)
+        self._rollout = Rollout(self._rooms, streams, actor, self._buffer, self._learner.embed_goal, seeds)
         self._waiting: deque[EndedEpisode] = deque()
         self._window = Window()
         self._clock = self._row_clock = self._save_clock = time.monotonic()
@@ -158,6 +158,10 @@ class _Session:
             keep=self._config.train.keep_checkpoints,
         )
         self._save_clock = time.monotonic()
+
+    def close(self) -> None:
+        """End the rooms."""
+        self._rooms.close()
 
     def _restore(self) -> None:
         state, goal_store = load_checkpoint(self._run)

@@ -9,11 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from vhs.rollout import RolloutPool
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,3 +106,47 @@ class LocalRooms:
         """End the environments."""
         for env in self._envs:
             env.close()
+
+
+class PooledRooms:
+    """Rooms stepped by the workers of a `RolloutPool` that resets nothing by itself."""
+
+    def __init__(self, pool: RolloutPool, min_ready: int | None) -> None:
+        """Take the pool over.
+
+        Args:
+            pool: made with ``autoreset="Disabled"``: the seed of every episode is the rollout's to choose.
+            min_ready: answers to wait for; None waits for all (lock-step).
+        """
+        self._pool = pool
+        self._min_ready = min_ready
+
+    def reset(self, streams: Sequence[int], seeds: Sequence[int]) -> None:
+        """Begin an episode in each of `streams`."""
+        self._pool.reset(np.array(streams, dtype=np.int64), seeds=seeds)
+
+    def send(self, streams: NDArray[np.int64], actions: NDArray[np.int64]) -> None:
+        """Take one step in each of `streams`."""
+        self._pool.send(actions, streams)
+
+    def recv(self) -> Answers:
+        """Wait for as many answers as were asked for, and take all there are."""
+        wanted = None if self._min_ready is None else min(self._min_ready, self._pool.num_under_way)
+        batch = self._pool.recv(wanted)
+        observation = batch.observation
+        return Answers(
+            streams=batch.env_ids,
+            images=observation["image"],
+            goals=observation["goal"],
+            interactions=observation["interaction"],
+            rewards=batch.rewards.astype(np.float32),
+            seeds=batch.seeds.tolist(),
+            is_first=batch.is_first,
+            is_cut=batch.is_cut,
+            is_end=batch.terminated | batch.truncated,
+            infos=batch.infos,
+        )
+
+    def close(self) -> None:
+        """End the workers."""
+        self._pool.close()
