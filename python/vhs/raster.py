@@ -93,6 +93,7 @@ class RasterRenderer:
         extent = model.stat.extent
         self._near, self._far = model.vis.map.znear * extent, model.vis.map.zfar * extent
         self._lenses = [_lens_of(model, i) for i in range(model.ncam)]
+        self._camera_numbers = {model.camera(i).name: i for i in range(model.ncam)}
         self._visibility_key: bytes | None = None
         self._bound: Any = None
         self._canvas = canvas
@@ -267,10 +268,9 @@ class RasterRenderer:
     def _view_of(self, data: Any, camera: Any) -> tuple[int, Any, list[float]]:
         """Number of a fixed camera or -1, gaze of any other camera, and lens."""
         if isinstance(camera, str):
-            try:
-                camera = self._model.camera(camera).id
-            except KeyError as error:
-                raise ValueError(f"camera: {error.args[0]}") from error
+            if camera not in self._camera_numbers:
+                raise ValueError(f"camera: expected one of {sorted(self._camera_numbers)}, got {camera!r}")
+            camera = self._camera_numbers[camera]
         if isinstance(camera, int | np.integer):
             if not -1 <= camera < len(self._lenses):
                 raise ValueError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import threading
@@ -191,3 +192,14 @@ def test_impossible_sizes_are_refused(model: mujoco.MjModel, size: tuple[int, in
 def test_importing_the_renderer_imports_no_mujoco() -> None:
     code = "import sys, vhs.raster; sys.exit('mujoco' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
+def test_a_forked_worker_draws_with_the_renderer_of_its_parent(
+    renderer: RasterRenderer, data: mujoco.MjData
+) -> None:
+    expected = picture(renderer, data)
+    worker = os.fork()
+    if worker == 0:
+        os._exit(0 if np.array_equal(picture(renderer, data), expected) else 1)
+    assert os.waitpid(worker, 0)[1] == 0

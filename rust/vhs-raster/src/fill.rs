@@ -1,9 +1,9 @@
 //! Colours for the picture: walks the visible faces row by row and has their samples shaded in runs.
 
 use crate::cover::{Cover, Drawn, NOTHING, middle};
-use crate::lanes::{Kind, MOST_LANES};
+use crate::lanes::{FEWEST_LANES, Kind, MOST_LANES};
 use crate::paint::Places;
-use crate::shade::{Ready, Shader, shade_run};
+use crate::shade::{Ready, Run, Shader, shade_run};
 
 /// One face in one pixel.
 #[derive(Debug, Clone, Copy)]
@@ -187,9 +187,14 @@ impl Fill<'_> {
             y: -middle(y, self.cover.height),
         };
         // Samples past the end are overwritten by the next span, or land in the spare places of the row.
-        let len = (to - from).next_multiple_of(MOST_LANES);
-        let out = &mut self.colours.pixels[start + from..start + from + len];
-        shade_run(self.kind, &mut self.shader, &ready, places, out, None);
+        let len = (to - from).next_multiple_of(FEWEST_LANES);
+        let colours = &mut self.colours.pixels[start + from..start + from + len];
+        let mut run = Run {
+            places,
+            colours,
+            opacity: None,
+        };
+        shade_run(self.kind, &mut self.shader, &ready, &mut run);
     }
 
     /// Shades fragments of one face into `scratch`.
@@ -201,7 +206,7 @@ impl Fill<'_> {
             opacity,
             packed,
         } = &mut *self.scratch;
-        let len = run.len().next_multiple_of(MOST_LANES);
+        let len = run.len().next_multiple_of(FEWEST_LANES);
         x.clear();
         y.clear();
         x.extend(
@@ -216,14 +221,12 @@ impl Fill<'_> {
         y.resize(len, y[0]);
         packed.resize(len, 0);
         opacity.resize(len, 0.0);
-        shade_run(
-            self.kind,
-            &mut self.shader,
-            &ready,
-            Places::Anywhere { x, y },
-            packed,
-            Some(opacity),
-        );
+        let mut run = Run {
+            places: Places::Anywhere { x, y },
+            colours: packed,
+            opacity: Some(opacity),
+        };
+        shade_run(self.kind, &mut self.shader, &ready, &mut run);
     }
 
     /// Adds each fragment to the sum of its pixel; the weights of a pixel add up to four.

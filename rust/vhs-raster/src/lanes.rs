@@ -6,9 +6,11 @@
 
 use std::fmt::Debug;
 
-/// Most lanes any machine here has; rows of pictures have this many spare places, and runs of samples are padded to
-/// a multiple of it.
+/// Most lanes any machine here has; rows of pictures have this many spare places at their end.
 pub(crate) const MOST_LANES: usize = 16;
+
+/// Fewest lanes any machine here has; runs of samples are padded to a multiple of it.
+pub(crate) const FEWEST_LANES: usize = 8;
 
 /// Lanes of numbers and what can be done with them.
 pub(crate) trait Machine: Copy + Debug {

@@ -4,6 +4,8 @@
 //! what MuJoCo's OpenGL renderer shows; a node is lit when the first visible sample asks for it. Textures are
 //! looked up for every sample, in perspective.
 
+use std::ops::Range;
+
 use crate::cover::Drawn;
 use crate::lanes::{Kind, MOST_LANES, Machine, Plain};
 use crate::light::Lamps;
@@ -117,50 +119,46 @@ pub(crate) struct Shader<'a> {
     pub(crate) nodes: &'a mut NodeCache,
 }
 
-/// Colours of samples of one face as bytes, red in the low byte, and their opacity if it is wanted.
+/// Room for the colours of a run of samples: bytes, red in the low one, and their opacity if it is wanted.
 ///
-/// The length of `out` (and of all other slices) is a multiple of [`MOST_LANES`].
-pub(crate) fn shade_run(
-    kind: Kind,
-    shader: &mut Shader<'_>,
-    ready: &Ready,
-    places: Places<'_>,
-    out: &mut [u32],
-    opacity: Option<&mut Vec<f32>>,
-) {
+/// All lengths are multiples of [`FEWEST_LANES`].
+pub(crate) struct Run<'a> {
+    pub(crate) places: Places<'a>,
+    pub(crate) colours: &'a mut [u32],
+    pub(crate) opacity: Option<&'a mut [f32]>,
+}
+
+/// Colours samples of one face.
+pub(crate) fn shade_run(kind: Kind, shader: &mut Shader<'_>, ready: &Ready, run: &mut Run<'_>) {
+    let len = run.colours.len();
     match kind {
-        Kind::Plain => shader.run::<Plain>(ready, places, out, opacity),
+        Kind::Plain => shader.run::<Plain>(ready, run, 0..len),
         #[cfg(target_arch = "x86_64")]
         // SAFETY: `Kind::Avx2` is only made by `detect`, after it found AVX2.
-        Kind::Avx2 => unsafe { run_avx2(shader, ready, places, out, opacity) },
+        Kind::Avx2 => unsafe { run_avx2(shader, ready, run, 0..len) },
         #[cfg(target_arch = "x86_64")]
-        // SAFETY: the same holds for AVX-512.
-        Kind::Avx512 => unsafe { run_avx512(shader, ready, places, out, opacity) },
+        Kind::Avx512 => {
+            // Many runs are shorter than sixteen samples: eight lanes do what is left over.
+            let most = len / MOST_LANES * MOST_LANES;
+            // SAFETY: `Kind::Avx512` is only made by `detect`, after it found AVX-512, which includes AVX2.
+            unsafe {
+                run_avx512(shader, ready, run, 0..most);
+                run_avx2(shader, ready, run, most..len);
+            }
+        }
     }
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn run_avx2(
-    shader: &mut Shader<'_>,
-    ready: &Ready,
-    places: Places<'_>,
-    out: &mut [u32],
-    opacity: Option<&mut Vec<f32>>,
-) {
-    shader.run::<crate::lanes::Avx2>(ready, places, out, opacity);
+fn run_avx2(shader: &mut Shader<'_>, ready: &Ready, run: &mut Run<'_>, samples: Range<usize>) {
+    shader.run::<crate::lanes::Avx2>(ready, run, samples);
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512bw,avx512dq")]
-fn run_avx512(
-    shader: &mut Shader<'_>,
-    ready: &Ready,
-    places: Places<'_>,
-    out: &mut [u32],
-    opacity: Option<&mut Vec<f32>>,
-) {
-    shader.run::<crate::lanes::Avx512>(ready, places, out, opacity);
+fn run_avx512(shader: &mut Shader<'_>, ready: &Ready, run: &mut Run<'_>, samples: Range<usize>) {
+    shader.run::<crate::lanes::Avx512>(ready, run, samples);
 }
 
 /// Colours of a batch: red, green, blue and opacity in 0..=1.
@@ -324,23 +322,15 @@ impl Shader<'_> {
         colour
     }
 
-    /// See [`shade_run`].
+    /// Colours some of a run's samples, a whole number of batches.
     #[inline(always)]
-    fn run<M: Machine>(
-        &mut self,
-        ready: &Ready,
-        places: Places<'_>,
-        out: &mut [u32],
-        mut opacity: Option<&mut Vec<f32>>,
-    ) {
-        let mut first = 0;
-        for few in out.chunks_exact_mut(M::LANES) {
-            let colours = self.shade::<M>(ready, &places.batch(first));
-            M::store_ints(packed::<M>(&colours), few);
-            if let Some(opacity) = opacity.as_mut() {
+    fn run<M: Machine>(&mut self, ready: &Ready, run: &mut Run<'_>, samples: Range<usize>) {
+        for first in samples.step_by(M::LANES) {
+            let colours = self.shade::<M>(ready, &run.places.batch(first));
+            M::store_ints(packed::<M>(&colours), &mut run.colours[first..]);
+            if let Some(opacity) = run.opacity.as_mut() {
                 M::store(colours[3], &mut opacity[first..]);
             }
-            first += M::LANES;
         }
     }
 
