@@ -1,4 +1,4 @@
-"""A third-party environment in worker processes: random play of gymnasium's own FrozenLake, first come first served.
+"""A third-party environment in worker processes: random play of gymnasium's own FrozenLake.
 
 python examples/rollout_gymnasium.py
 """

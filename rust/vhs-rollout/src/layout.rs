@@ -1,6 +1,6 @@
 //! Where everything lies in the shared mapping.
 //!
-//! Header, the learner's bell, one [`Post`] a worker, one slot an environment, then payloads (action, observation, final
+//! Header, the learner's bell, one post a worker, one slot an environment, then payloads (action, observation, final
 //! observation; 64-byte aligned), then blobs for pickled things. Blobs are large and mostly untouched: the mapping is
 //! sparse, and pages that nobody writes cost nothing.
 //!

@@ -3,6 +3,7 @@
 //! Run by `make loom`: `RUSTFLAGS="--cfg loom" cargo test -p vhs-rollout --test loom --release`. Loom checks Acquire and
 //! Release but not load buffering; the stress tests run the same code on real threads and processes.
 #![cfg(loom)]
+#![allow(clippy::unwrap_used, reason = "a panic is how a model fails")]
 
 use std::time::Duration;
 

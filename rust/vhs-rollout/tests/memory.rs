@@ -1,5 +1,10 @@
 //! The shared memory and the pool refuse what they must, and change nothing by it.
 #![cfg(not(loom))]
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_ptr_alignment,
+    reason = "a panic is how a test fails; payloads are 64-byte aligned"
+)]
 
 use std::os::fd::AsFd;
 use std::sync::Arc;

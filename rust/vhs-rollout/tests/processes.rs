@@ -2,6 +2,11 @@
 //!
 //! This test binary is its own worker: it starts itself with the descriptor's path in the environment.
 #![cfg(not(loom))]
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_ptr_alignment,
+    reason = "a panic is how a test fails; payloads are 64-byte aligned"
+)]
 
 use std::fs::OpenOptions;
 use std::os::fd::{AsRawFd, OwnedFd};

@@ -1,5 +1,10 @@
 //! Both ends against a naive model on random operations: asks, steps, answers, deaths and ghosts, in one thread.
 #![cfg(not(loom))]
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_ptr_alignment,
+    reason = "a panic is how a test fails; payloads are 64-byte aligned"
+)]
 
 use std::collections::VecDeque;
 use std::sync::Arc;

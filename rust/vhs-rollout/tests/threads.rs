@@ -1,5 +1,10 @@
 //! Real threads on one mapping: every answer belongs to its command, and every byte is whole. `make tsan` runs this too.
 #![cfg(not(loom))]
+#![allow(
+    clippy::unwrap_used,
+    clippy::cast_ptr_alignment,
+    reason = "a panic is how a test fails; payloads are 64-byte aligned"
+)]
 
 use std::sync::Arc;
 use std::thread;
