@@ -767,22 +767,25 @@ class RasterCanvas:
     ) -> tuple[list[float], list[float], list[float]]:
         """Position, gaze and up vector of a camera that circles a point; angles in degrees."""
 
-# The two ends of a rollout pool, for `vhs.rollout` alone: `RolloutPool` is the face for users. `sizes` are num_workers,
-# envs_per_worker, action_bytes, observation_bytes, blob_bytes; `offsets` where in the shared memory lie the first
-# payload, from one payload to the next, from a payload to its observation and to its final observation, the first blob,
-# from one blob to the next, and the end, all in bytes.
+# The two ends of a rollout pool, for `vhs.rollout` alone: `RolloutPool` is the face for users. `sizes` are
+# num_workers, envs_per_worker, action_bytes, observation_bytes, blob_bytes; `offsets` where in shared memory
+# lie the first payload, from one payload to the next, from a payload to its observation and to its final
+# observation, the first blob, from one blob to the next, and the end, all in bytes.
 
 @final
 class RolloutLearner:
-    def __init__(
-        self,
+    def __new__(
+        cls,
         sizes: tuple[int, int, int, int, int],
         leaves: Sequence[tuple[int, int]],
         seed: int | None,
         deadline_s: float | None,
         dump_signal: int,
-    ) -> None:
-        """Make the shared memory and listen for deaths; `leaves` are offset and size of an observation's parts."""
+    ) -> RolloutLearner:
+        """Make the shared memory and listen for deaths.
+
+        `leaves` are offset and size of an observation's parts.
+        """
 
     @property
     def memory(self) -> int:
@@ -796,7 +799,7 @@ class RolloutLearner:
 
     @property
     def columns(self) -> tuple[list[int], list[int], list[int]]:
-        """Where in a block lie the scalar columns, the observation's leaves and the final observation's, in bytes."""
+        """Where in a block lie scalar columns, observation leaves and final observation leaves, in bytes."""
 
     def send(
         self,
@@ -806,10 +809,16 @@ class RolloutLearner:
         version: int,
         blob: bytes,
     ) -> None:
-        """Give a command to each environment; `actions` are offset and size of a row, and the rows, contiguous."""
+        """Give a command to each environment.
+
+        `actions` are offset and size of a row, and the rows, contiguous.
+        """
 
     def wait(self, wanted: int, limit_s: float) -> bool:
-        """Whether so many answers lie ready; False after `limit_s`, or when a death or a notice wants attention."""
+        """Whether so many answers lie ready.
+
+        False after `limit_s`, or when a death or a notice wants attention.
+        """
 
     def recv(self, block: NDArray[np.uint8], wanted: int, limit_s: float) -> tuple[int, int, int] | None:
         """Wait as `wait` and fill the block: rows, rows with a final observation, rows to look at."""
@@ -839,14 +848,14 @@ class RolloutLearner:
 
 @final
 class RolloutWorker:
-    def __init__(
-        self,
+    def __new__(
+        cls,
         memory: int,
         sizes: tuple[int, int, int, int, int],
         worker: int,
         deadline_s: float | None,
         cpu: int | None,
-    ) -> None:
+    ) -> RolloutWorker:
         """Take up the post of a worker, on a core of its own if one is given."""
 
     @property

@@ -29,6 +29,7 @@ def test_all_names_what_is_exported() -> None:
         for name, value in vars(vhs).items()
         if not name.startswith("_") and not isinstance(value, types.ModuleType)
     }
+    exported -= {"Any", "TYPE_CHECKING"}  # what the module's own annotations need
     # The pool is loaded on first use.
     assert exported | {"RolloutPool", "__version__"} == set(vhs.__all__)
     assert len(vhs.__all__) == len(set(vhs.__all__))
