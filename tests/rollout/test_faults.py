@@ -325,7 +325,7 @@ def test_no_worker_outlives_a_killed_learner(method: str, in_thread: bool, tmp_p
     while time.monotonic() < until and any(_is_alive(pid) for pid in pids):
         time.sleep(0.01)
     assert not any(_is_alive(pid) for pid in pids), "one of them hangs in a step, two sleep"
-    # Others may use the folder meanwhile; these are the names that shared memory and semaphores of Python get.
+    # Others may use the folder meanwhile; these are names that Python gives shared memory and semaphores.
     left = set(os.listdir("/dev/shm")) - shared_before
     assert not [name for name in left if name.startswith(("psm_", "pymp-", "sem.", "vhs-rollout"))]
 
