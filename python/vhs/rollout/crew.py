@@ -78,7 +78,7 @@ class Crew:
         code = self._workers[worker].reap()
         stack = self._workers[worker].stack()
         lost, has_answered = self._end.reclaim(worker)
-        cause = "a command took longer than deadline_s" if was_overdue else f"exit code {code}"
+        cause = "it took longer than allowed" if was_overdue else f"exit code {code}"
         told = f"; its stack was\n{stack}" if stack else ""
         _log.warning("worker %d died (%s): starting another%s", worker, cause, told)
         self._barren_deaths[worker] = 0 if has_answered else self._barren_deaths[worker] + 1
