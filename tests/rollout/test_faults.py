@@ -270,6 +270,22 @@ def _die_in_a_worker(learner: int, folder: Path) -> Ledger:
     return Ledger()
 
 
+def test_an_env_fn_that_hangs_in_its_worker_is_given_up(tmp_path: Path) -> None:
+    fns = [partial(_hang_in_a_worker, tmp_path)]
+    with RolloutPool(fns, 1, 1, start_limit_s=0.5) as pool:
+        pool.reset()
+        with pytest.raises(WorkerError, match=r"died 3 times without an answer \(it took longer"):
+            pool.recv(timeout=20)
+
+
+def _hang_in_a_worker(folder: Path) -> Ledger:
+    """The first call comes from the process that asks for the spaces."""
+    if (folder / "asked").exists():
+        time.sleep(60)
+    (folder / "asked").touch()
+    return Ledger()
+
+
 def test_an_env_fn_that_raises_is_told_by_the_constructor() -> None:
     def raises() -> Ledger:
         raise KeyError("no such world")
@@ -325,7 +341,9 @@ def test_no_worker_outlives_a_killed_learner(method: str, in_thread: bool, tmp_p
     while time.monotonic() < until and any(_is_alive(pid) for pid in pids):
         time.sleep(0.01)
     assert not any(_is_alive(pid) for pid in pids), "one of them hangs in a step, two sleep"
-    assert set(os.listdir("/dev/shm")) == shared_before
+    # Others may use the folder meanwhile; these are names that Python gives shared memory and semaphores.
+    left = set(os.listdir("/dev/shm")) - shared_before
+    assert not [name for name in left if name.startswith(("psm_", "pymp-", "sem.", "vhs-rollout"))]
 
 
 def _is_alive(pid: int) -> bool:

@@ -15,8 +15,8 @@ from collections.abc import Sequence
 
 from vhs._core import RolloutLearner
 from vhs.rollout.errors import WorkerError
-from vhs.rollout.processes import LEAVE_LIMIT_S, Context, Worker
-from vhs.rollout.worker import Setup
+from vhs.rollout.processes import LEAVE_LIMIT_S, Context, EnvFn, Worker, new_stack_file
+from vhs.rollout.worker import Common, Setup
 
 MOST_BARREN_DEATHS = 3
 """Deaths in a row without a single answer after which a worker is given up."""
@@ -27,10 +27,28 @@ _log = logging.getLogger(__name__)
 class Crew:
     """The processes of a pool; ended by `close`, or when the crew is forgotten."""
 
-    def __init__(self, end: RolloutLearner, context: Context, setups: Sequence[Setup]) -> None:
-        """Start a process for each setup."""
+    def __init__(
+        self,
+        end: RolloutLearner,
+        context: Context,
+        common: Common,
+        env_fns: Sequence[EnvFn],
+        cores: Sequence[int | None],
+    ) -> None:
+        """Start a process for each core, each with an equal share of the environments."""
         self._end = end
-        self._start_limit_s = setups[0].start_limit_s
+        self._start_limit_s = common.start_limit_s
+        each = len(env_fns) // len(cores)
+        setups = [
+            Setup(
+                common,
+                worker,
+                list(env_fns[worker * each : (worker + 1) * each]),
+                new_stack_file(worker),
+                cpu,
+            )
+            for worker, cpu in enumerate(cores)
+        ]
         self._workers = [Worker(context, setup) for setup in setups]
         self._barren_deaths = [0] * len(setups)
         files = [setup.stack_file.number for setup in setups]
@@ -60,7 +78,7 @@ class Crew:
         code = self._workers[worker].reap()
         stack = self._workers[worker].stack()
         lost, has_answered = self._end.reclaim(worker)
-        cause = "a command took longer than deadline_s" if was_overdue else f"exit code {code}"
+        cause = "it took longer than allowed" if was_overdue else f"exit code {code}"
         told = f"; its stack was\n{stack}" if stack else ""
         _log.warning("worker %d died (%s): starting another%s", worker, cause, told)
         self._barren_deaths[worker] = 0 if has_answered else self._barren_deaths[worker] + 1

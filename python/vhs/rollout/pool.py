@@ -31,10 +31,9 @@ from vhs.rollout.processes import (
     describe,
     find_context,
     is_lasting_thread,
-    new_stack_file,
     portable,
 )
-from vhs.rollout.worker import BEGIN, CALL, DUMP_SIGNAL, FAILED, STEP, Autoreset, Setup
+from vhs.rollout.worker import BEGIN, CALL, DUMP_SIGNAL, FAILED, STEP, Autoreset, Common
 
 OnError = Literal["raise", "restart", "drop"]
 
@@ -135,25 +134,18 @@ class RolloutPool:
         self._called: dict[int, Any] = {}
         """Results of the call under way, by environment; a `Failure` where one raised."""
         self._closed = False
-        setups = [
-            Setup(
-                worker=worker,
-                env_fns=env_fns[worker * envs_per_worker : (worker + 1) * envs_per_worker],
-                memory=Inherited(self._end.memory),
-                stack_file=new_stack_file(worker),
-                sizes=sizes,
-                observation_space=self.single_observation_space,
-                action_space=self.single_action_space,
-                autoreset=self.autoreset,
-                deadline_s=deadline_s,
-                start_limit_s=start_limit_s,
-                parent=os.getpid(),
-                ends_by_signal=is_lasting_thread(),
-                cpu=cpu,
-            )
-            for worker, cpu in enumerate(cores_for(num_workers, pin))
-        ]
-        self._crew = Crew(self._end, context, setups)
+        common = Common(
+            memory=Inherited(self._end.memory),
+            sizes=sizes,
+            observation_space=self.single_observation_space,
+            action_space=self.single_action_space,
+            autoreset=self.autoreset,
+            deadline_s=deadline_s,
+            start_limit_s=start_limit_s,
+            parent=os.getpid(),
+            ends_by_signal=is_lasting_thread(),
+        )
+        self._crew = Crew(self._end, context, common, env_fns, cores_for(num_workers, pin))
 
     # -- stepping
 

@@ -49,13 +49,10 @@ class Autoreset(enum.Enum):
 
 
 @dataclass(frozen=True)
-class Setup:
-    """What a worker has to know at its start; it travels to the process."""
+class Common:
+    """What all workers of a pool have to know at their start."""
 
-    worker: int
-    env_fns: list[Callable[[], gymnasium.Env[Any, Any]]]
     memory: Inherited
-    stack_file: Inherited
     sizes: Sizes
     observation_space: gymnasium.Space[Any]
     action_space: gymnasium.Space[Any]
@@ -63,7 +60,18 @@ class Setup:
     deadline_s: float | None
     start_limit_s: float
     parent: int
+    """Process number of the learner."""
     ends_by_signal: bool
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What one worker has to know at its start; it travels to the process."""
+
+    common: Common
+    worker: int
+    env_fns: list[Callable[[], gymnasium.Env[Any, Any]]]
+    stack_file: Inherited
     cpu: int | None
 
 
@@ -101,7 +109,7 @@ def work(setup: Setup) -> None:
     """Be a worker until the pool closes; the target of the process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the learner's to handle
     # A learner that was killed takes its workers with it, even from the middle of a step.
-    RolloutWorker.end_with(setup.parent, setup.ends_by_signal)
+    RolloutWorker.end_with(setup.common.parent, setup.common.ends_by_signal)
     faulthandler.register(DUMP_SIGNAL, file=setup.stack_file.number, all_threads=True)
     loop = _Loop(setup)
     try:
@@ -112,14 +120,16 @@ def work(setup: Setup) -> None:
 
 class _Loop:
     def __init__(self, setup: Setup) -> None:
-        self._setup = setup
-        self._observations = Nest(setup.observation_space, "observation")
-        self._actions = Nest(setup.action_space, "action")
-        self._end = RolloutWorker(setup.memory.number, setup.sizes, setup.worker, setup.deadline_s, setup.cpu)
+        self._setup, self._common = setup, setup.common
+        self._observations = Nest(setup.common.observation_space, "observation")
+        self._actions = Nest(setup.common.action_space, "action")
+        self._end = RolloutWorker(
+            setup.common.memory.number, setup.common.sizes, setup.worker, setup.common.deadline_s, setup.cpu
+        )
         payloads, stride, observation, final, blobs, blob_stride, total = self._end.offsets
         # A mapping of its own, so that arrays over it keep it alive, whatever becomes of the Rust end.
-        memory = np.frombuffer(mmap.mmap(setup.memory.number, total), np.uint8)
-        first, blob_bytes = setup.worker * len(setup.env_fns), setup.sizes[4]
+        memory = np.frombuffer(mmap.mmap(setup.common.memory.number, total), np.uint8)
+        first, blob_bytes = setup.worker * len(setup.env_fns), setup.common.sizes[4]
         self._envs = []
         for local, env_fn in enumerate(setup.env_fns):
             number = first + local
@@ -171,7 +181,7 @@ class _Loop:
             return self._step(env, next_seed)
         if code == CALL:
             return self._call(env, blob_bytes)
-        if code == STEP and env.state is State.ENDED and self._setup.autoreset is Autoreset.DISABLED:
+        if code == STEP and env.state is State.ENDED and self._common.autoreset is Autoreset.DISABLED:
             raise gymnasium.error.ResetNeeded(
                 "step: expected a running episode, found one that has ended: call reset first"
             )
@@ -181,7 +191,7 @@ class _Loop:
 
     def _begin(self, env: Env, seed: int | None, options: dict[str, Any] | None) -> dict[str, Any]:
         if env.env is None:
-            self._end.allow(self._setup.start_limit_s)
+            self._end.allow(self._common.start_limit_s)
             env.seed, env.step = seed, 0
             env.env = env.env_fn()
         env.seed, env.step = seed, 0
@@ -199,7 +209,7 @@ class _Loop:
         observation, reward, terminated, truncated, info = env.env.step(action)
         reward = float(reward)
         flags = (TERMINATED if terminated else 0) | (TRUNCATED if truncated else 0)
-        is_rolled = flags and self._setup.autoreset is Autoreset.SAME_STEP
+        is_rolled = flags and self._common.autoreset is Autoreset.SAME_STEP
         views = env.final_views if is_rolled else env.observation_views
         self._observations.write(views, observation)
         # NaN is the one number that differs from itself.
@@ -226,7 +236,7 @@ class _Loop:
     def _call(self, env: Env, blob_bytes: int) -> Answer:
         name, arguments, keywords = pickle.loads(env.blob[:blob_bytes])
         if env.env is None:
-            self._end.allow(self._setup.start_limit_s)
+            self._end.allow(self._common.start_limit_s)
             env.env = env.env_fn()
         # Every wrapper has the setter itself; looking it up by name would find the innermost.
         is_setter = name == "set_wrapper_attr"
@@ -252,7 +262,7 @@ class _Loop:
 
     def _packed(self, info: dict[str, Any]) -> bytes:
         packed = pickle.dumps(info, protocol=pickle.HIGHEST_PROTOCOL)
-        limit = self._setup.sizes[4]
+        limit = self._common.sizes[4]
         if len(packed) > limit:
             raise ValueError(f"info_bytes: expected room for an info of {len(packed)} bytes, found {limit}")
         return packed

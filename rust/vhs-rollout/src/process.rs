@@ -35,7 +35,7 @@ pub(crate) fn signal_process(process: &OwnedFd, signal: i32) {
 }
 
 /// Which descriptors are readable, after waiting for one of them for at most `limit`.
-pub(crate) fn poll_readable(descriptors: &[RawFd], limit: Option<Duration>) -> Vec<bool> {
+pub(crate) fn poll_readable(descriptors: &[RawFd], limit: Duration) -> Vec<bool> {
     let mut polls: Vec<libc::pollfd> = descriptors
         .iter()
         .map(|&fd| libc::pollfd {
@@ -44,9 +44,7 @@ pub(crate) fn poll_readable(descriptors: &[RawFd], limit: Option<Duration>) -> V
             revents: 0,
         })
         .collect();
-    let millis = limit.map_or(-1, |limit| {
-        libc::c_int::try_from(limit.as_millis()).unwrap_or(libc::c_int::MAX)
-    });
+    let millis = libc::c_int::try_from(limit.as_millis()).unwrap_or(libc::c_int::MAX);
     // SAFETY: the array is valid and as long as told. An error, such as a signal, leaves nothing readable.
     unsafe {
         libc::poll(polls.as_mut_ptr(), polls.len() as libc::nfds_t, millis);
@@ -131,7 +129,7 @@ pub fn end_with(parent: i32, by_signal: bool) -> io::Result<()> {
     std::thread::Builder::new()
         .name("vhs-rollout-parent".into())
         .spawn(move || {
-            while !poll_readable(&[process.as_raw_fd()], None)[0] {}
+            while !poll_readable(&[process.as_raw_fd()], Duration::MAX)[0] {}
             // SAFETY: ends this process at once, without destructors: nobody is left to use what they would save.
             unsafe { libc::_exit(1) };
         })

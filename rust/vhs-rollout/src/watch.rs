@@ -173,10 +173,12 @@ impl Listener {
         }
     }
 
-    /// How long to sleep at most: for ever where nothing can be overdue.
-    fn look(&self) -> Option<Duration> {
-        let limit = self.limit?;
-        Some((limit / LOOKS_PER_LIMIT).clamp(SHORTEST_LOOK, LONGEST_LOOK))
+    /// How long to sleep at most: without a limit for commands, starting and making an environment still have one.
+    fn look(&self) -> Duration {
+        let share = self.limit.map(|limit| limit / LOOKS_PER_LIMIT);
+        share.map_or(LONGEST_LOOK, |share| {
+            share.clamp(SHORTEST_LOOK, LONGEST_LOOK)
+        })
     }
 
     /// Notes the dead, `is_dead` telling who of the first watched is, and sees to the overdue.
@@ -190,10 +192,8 @@ impl Listener {
                 was_overdue: gone.kill_at_ns.is_some(),
             });
         }
-        if self.limit.is_some() {
-            for one in &mut ledger.watched {
-                self.see_to(one);
-            }
+        for one in &mut ledger.watched {
+            self.see_to(one);
         }
         if !ledger.deaths.is_empty() {
             let header = self.mapping.header();

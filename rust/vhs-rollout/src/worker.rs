@@ -115,9 +115,7 @@ impl Worker {
     /// Allows the command under way this much more time, counted from now: making an environment takes longer than a
     /// step.
     pub fn allow(&self, extra: Duration) {
-        if self.limit.is_some() {
-            self.set_deadline(monotonic_ns().saturating_add(nanos(extra)));
-        }
+        self.set_deadline(monotonic_ns().saturating_add(nanos(extra)));
     }
 
     /// Answers the claimed command of environment `local` and hands the slot over.
