@@ -30,9 +30,8 @@ def draw(log: Path, picture: Path) -> None:
         )
     for name, rate in PAPER_SUCCESS.items():
         axes.axhline(rate, color="black", linewidth=0.7, linestyle=":")
-        axes.annotate(
-            f"{name} in the paper, {rate:.1%}", (episodes[-1], rate), ha="right", va="bottom", fontsize=8
-        )
+        label = f"{name} in\nthe paper\n{rate:.1%}"
+        axes.annotate(label, (1.01, rate), xycoords=("axes fraction", "data"), va="center", fontsize=8)
     minutes = rows[-1]["time/minutes"]
     axes.set(
         xlabel=f"episodes ({minutes:.0f} minutes in all)",
