@@ -31,9 +31,9 @@ def blind_room() -> RoomEnv:
 
 @pytest.fixture(scope="session")
 def opengl() -> None:
-    """Skip where the room cannot be drawn."""
+    """Skip where MuJoCo's own renderer cannot draw."""
     try:
-        RoomEnv(INTERACTIVE_OBJECT_NAV).reset(seed=0)
+        RoomEnv(INTERACTIVE_OBJECT_NAV, renderer="mujoco").reset(seed=0)
     except NoOpenGLError as error:
         pytest.skip(f"needs OpenGL: {error}")
 

@@ -19,7 +19,6 @@ from vhs.train import train
 from vhs.train.log import read_log
 
 CONFIGS = Path(__file__).parents[2] / "configs"
-pytestmark = pytest.mark.usefixtures("needs_opengl")
 
 
 def debug_config(*overrides: str) -> Config:

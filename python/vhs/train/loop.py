@@ -131,6 +131,7 @@ class _Session:
             "episodes": self.progress.episodes,
             "env_steps": self.progress.env_steps,
             "updates": self._learner.updates,
+            "episodes_cut": self._rollout.cut,
             "time/minutes": round(self.progress.seconds / 60, 4),
             "speed/steps_per_s": round(speed, 2),
         }
