@@ -838,7 +838,6 @@ class RolloutLearner:
     def reclaim(self, worker: int) -> tuple[list[int], bool]:
         """Take a dead worker's slots: which environments must be asked anew, and whether it ever answered."""
 
-    def is_running(self, env: int) -> bool: ...
     @property
     def stats(self) -> tuple[int, int, int, int, int]:
         """Steps, episodes, cut episodes, quarantined episodes, restarts."""

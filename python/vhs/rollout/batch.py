@@ -117,22 +117,32 @@ class Batch:
     """Answers of some environments, in the order of their ids.
 
     Arrays are made when asked for and share memory.
-
-    Attributes:
-        infos: the info of each row that has one, by row; with `final_info` and the first info of the next
-            episode apart where an episode ended and the next one began in the same step.
     """
 
-    __slots__ = ("_block", "_finals", "_nest", "_rows", "infos")
+    __slots__ = ("_block", "_finals", "_infos", "_nest", "_rows")
 
     def __init__(self, block: Block, rows: int, finals: int, nest: Nest) -> None:
         """View the first `rows` rows of a filled block, `finals` of which have a final observation."""
-        self._block, self._rows, self._finals, self._nest = block, rows, finals, nest
-        self.infos: dict[int, dict[str, Any]] = {}
+        self._block = block
+        self._rows = rows
+        self._finals = finals
+        self._nest = nest
+        self._infos: dict[int, dict[str, Any]] | None = None
 
     def __len__(self) -> int:
         """Number of rows."""
         return self._rows
+
+    @property
+    def infos(self) -> dict[int, dict[str, Any]]:
+        """The info of each row that has one, by row.
+
+        Where an episode ended and the next one began in the same step, it is the next one's first info, with
+        the other as `final_info`.
+        """
+        if self._infos is None:
+            self._infos = {}
+        return self._infos
 
     @property
     def env_ids(self) -> NDArray[np.int64]:

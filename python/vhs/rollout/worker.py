@@ -100,6 +100,9 @@ class Env:
     step: int = 0
 
 
+RUNNING = State.RUNNING
+"""By itself, since looking it up in its enum takes as long as much of a step."""
+
 Info = dict[str, Any] | None
 Answer = tuple[int, float, int, Info]
 """What goes back to the learner: flags, reward, steps taken, info."""
@@ -121,6 +124,7 @@ def work(setup: Setup) -> None:
 class _Loop:
     def __init__(self, setup: Setup) -> None:
         self._setup, self._common = setup, setup.common
+        self._rolls = setup.common.autoreset is Autoreset.SAME_STEP
         self._observations = Nest(setup.common.observation_space, "observation")
         self._actions = Nest(setup.common.action_space, "action")
         self._end = RolloutWorker(
@@ -177,7 +181,7 @@ class _Loop:
         self._end.commit(env.local, flags, reward, step, env.seed or 0, len(blob), version)
 
     def _do(self, env: Env, code: int, next_seed: int | None, blob_bytes: int) -> Answer:
-        if code == STEP and env.state is State.RUNNING:
+        if code == STEP and env.state is RUNNING:
             return self._step(env, next_seed)
         if code == CALL:
             return self._call(env, blob_bytes)
@@ -209,7 +213,7 @@ class _Loop:
         observation, reward, terminated, truncated, info = env.env.step(action)
         reward = float(reward)
         flags = (TERMINATED if terminated else 0) | (TRUNCATED if truncated else 0)
-        is_rolled = flags and self._common.autoreset is Autoreset.SAME_STEP
+        is_rolled = flags and self._rolls
         views = env.final_views if is_rolled else env.observation_views
         self._observations.write(views, observation)
         # NaN is the one number that differs from itself.

@@ -263,10 +263,6 @@ impl RolloutLearner {
         })
     }
 
-    fn is_running(&self, py: Python<'_>, env: i64) -> PyResult<bool> {
-        checked(detached(py, &self.pool, |pool| pool.is_running(env)))
-    }
-
     #[getter]
     fn stats(&self, py: Python<'_>) -> (u64, u64, u64, u64, u64) {
         let stats = detached(py, &self.pool, |pool| pool.stats());

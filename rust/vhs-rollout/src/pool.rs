@@ -240,15 +240,6 @@ impl Pool {
         cut
     }
 
-    /// Whether an episode of this environment has begun and neither ended nor been cut.
-    ///
-    /// # Errors
-    /// [`Error::Label`] for an environment that does not exist.
-    pub fn is_running(&mut self, env: i64) -> Result<bool> {
-        self.check(&[env])?;
-        Ok(self.env_mut(env).is_running)
-    }
-
     /// Gives a worker that is about to start until `limit` from now to take up its post.
     pub fn expect_start(&self, worker: usize, limit: Duration) {
         self.learner.expect_start(worker, limit);

@@ -62,19 +62,6 @@ impl<const N: usize> Ring<N> {
         (Producer::default(), Consumer::default())
     }
 
-    /// How many indices lie in the ring, as far as the caller can see.
-    #[must_use]
-    pub fn len(&self) -> u32 {
-        let head = self.head.0.load(Ordering::Acquire);
-        self.tail.0.load(Ordering::Acquire).wrapping_sub(head)
-    }
-
-    /// Whether no index lies in the ring, as far as the caller can see.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
     fn item(&self, counter: u32) -> &AtomicU32 {
         &self.items[(counter & (Self::SIZE - 1)) as usize]
     }

@@ -63,6 +63,8 @@ struct Model {
     /// Environments each worker has claimed.
     claimed: [Vec<usize>; WORKERS],
     token: i64,
+    /// Commands ever given to each environment.
+    asked: [u32; ENVS],
 }
 
 struct Pair {
@@ -92,6 +94,7 @@ impl Pair {
                 queues: Default::default(),
                 claimed: Default::default(),
                 token: 0,
+                asked: [0; ENVS],
             },
         }
     }
@@ -124,6 +127,8 @@ impl Pair {
         assert_eq!(self.learner.ask(env, &command).is_ok(), is_held);
         self.learner.strike();
         if is_held {
+            self.model.asked[env] += 1;
+            assert_eq!(self.mapping.slot(env).sequence(), self.model.asked[env]);
             self.model.beliefs[env] = Belief::Asked(token);
             self.model.queues[env / EACH].push_back(env);
         }
