@@ -119,7 +119,8 @@ def test_killed_workers_return_and_no_episode_is_lost_torn_or_doubled(
 
 def test_a_death_is_noticed_within_10_ms_while_the_others_go_on() -> None:
     delays = []
-    with RolloutPool(Ledger, 2, 1, seed=1) as pool:
+    # Spawned workers are small: the kernel takes 10 ms and more to take down a fork of a process that holds torch.
+    with RolloutPool(Ledger, 2, 1, seed=1, start_method="spawn") as pool:
         pool.reset()
         pool.recv()
         for _ in range(15):
@@ -153,7 +154,7 @@ def test_a_hanging_environment_is_killed_and_its_stack_is_logged(
                 auditor.audit(batch)
                 act(pool, batch)
         assert pool.stats.restarts == 2
-    assert "deadline_s" in caplog.text
+    assert "it took longer than allowed" in caplog.text
     assert "hang_for_good" in caplog.text
 
 

@@ -49,14 +49,15 @@ def make_envs(config: Config, count: int, **kwargs: Any) -> list[gymnasium.Env[A
 
 def make_rooms(config: Config, count: int) -> Rooms:
     """`count` rooms that answer: in this process, or in `env.num_workers` others."""
-    if not config.env.num_workers:
+    workers = int(_has_workers()) if config.env.num_workers is None else config.env.num_workers
+    if not workers:
         return LocalRooms(make_envs(config, count))
     from vhs.rollout import RolloutPool
 
     pool = RolloutPool(
         lambda: make_envs(config, 1)[0],
-        config.env.num_workers,
-        count // config.env.num_workers,
+        workers,
+        count // workers,
         autoreset="Disabled",
         on_error="raise",
     )
@@ -135,7 +136,7 @@ def check_runnable(config: Config) -> None:
         ConfigError: one of them cannot be had; nothing was made.
     """
     room_config(config)
-    if config.env.num_workers and not sys.platform.startswith("linux"):
+    if config.env.num_workers and not _has_workers():
         raise ConfigError(f"env.num_workers: expected 0 on {sys.platform}, found {config.env.num_workers}")
     try:
         check_renderer(config.env.renderer)
@@ -150,6 +151,11 @@ def check_runnable(config: Config) -> None:
 def num_goals(env: gymnasium.Env[Any, Any]) -> int:
     """Number of goal classes of `env`."""
     return int(_space(env)["goal"].n)
+
+
+def _has_workers() -> bool:
+    """Whether rooms can be stepped in worker processes here."""
+    return sys.platform.startswith("linux")
 
 
 def _cpu_multiplies_bfloat16() -> bool:
