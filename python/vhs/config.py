@@ -35,8 +35,8 @@ class EnvSection(_Section):
     num_envs: PositiveInt = 8
     """Rooms stepped side by side (paper: 5 processes of one room)."""
     num_workers: Annotated[int, Field(ge=0)] | None = None
-    """Processes that step the rooms while this one learns; 0 steps them in this process; null is 1 on Linux, which
-    alone has such workers, and 0 elsewhere."""
+    """Processes that step the rooms while this one learns; 0 steps them in this process; null is 1 on Linux,
+    which alone has such workers, and 0 elsewhere."""
     min_ready: PositiveInt | None = None
     """Rooms that must have answered before the next inference; null waits for all (lock-step), and then the
     result does not depend on the number of workers."""

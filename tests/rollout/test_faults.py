@@ -119,7 +119,7 @@ def test_killed_workers_return_and_no_episode_is_lost_torn_or_doubled(
 
 def test_a_death_is_noticed_within_10_ms_while_the_others_go_on() -> None:
     delays = []
-    # Spawned workers are small: the kernel takes 10 ms and more to take down a fork of a process that holds torch.
+    # Spawned workers are small: the kernel takes 10 ms and more to end a fork of a process that holds torch.
     with RolloutPool(Ledger, 2, 1, seed=1, start_method="spawn") as pool:
         pool.reset()
         pool.recv()

@@ -20,6 +20,7 @@ META_NAME = "run.json"
 
 MAY_CHANGE = frozenset(
     {
+        "env.num_workers",
         "train.episodes",
         "train.checkpoint_every_s",
         "train.keep_checkpoints",
