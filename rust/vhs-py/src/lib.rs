@@ -6,13 +6,17 @@
 
 mod arrays;
 mod batch;
+mod bytes;
 mod episodes;
 mod error;
 mod goals;
+mod hindsight;
 mod prototypes;
 mod relabel;
 mod returns;
 mod rng;
+mod sampling;
+mod transitions;
 
 /// The compiled half of the Python package `vhs`.
 #[pyo3::pymodule]
@@ -24,6 +28,8 @@ mod _core {
     #[pymodule_export]
     use crate::goals::GoalStore;
     #[pymodule_export]
+    use crate::hindsight::SparseReward;
+    #[pymodule_export]
     use crate::prototypes::Prototypes;
     #[pymodule_export]
     use crate::relabel::{Hindsight, relabel};
@@ -31,6 +37,8 @@ mod _core {
     use crate::returns::discounted_returns;
     #[pymodule_export]
     use crate::rng::Rng;
+    #[pymodule_export]
+    use crate::transitions::{TransitionBatch, WindowBatch};
 
     use pyo3::prelude::*;
 
