@@ -17,7 +17,7 @@ Conventions of every function here:
   elsewhere.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from os import PathLike
 from typing import Any, Literal, TypedDict, final
 
@@ -532,7 +532,7 @@ class EpisodeBuffer:
         ratio: int | None = None,
         on: Sequence[int | str] | None = None,
         reward: SparseReward | _RewardFunction | None = None,
-        out: Mapping[str, NDArray[Any]] | None = None,
+        out: dict[str, NDArray[Any]] | None = None,
     ) -> TransitionBatch:
         """Draw single steps of finished episodes, uniformly and with replacement (Andrychowicz et al. 2017).
 

@@ -35,7 +35,8 @@ impl SparseReward {
 #[pymethods]
 impl SparseReward {
     #[new]
-    #[pyo3(signature = (reached=0.0, otherwise=-1.0, tolerance=0.0, terminates=true))]
+    #[pyo3(signature = (reached=0.0, otherwise=-1.0, tolerance=0.0, terminates=true),
+           text_signature = "(reached=0.0, otherwise=-1.0, tolerance=0.0, terminates=True)")]
     fn new(reached: f32, otherwise: f32, tolerance: f64, terminates: bool) -> PyResult<Self> {
         let rule = Self {
             reached,

@@ -44,8 +44,8 @@ mod _core {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
-        // The version is written once, in Cargo.toml.
-        module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        // The version is written once, in Cargo.toml. Not by `add`, which would put it into `__all__`.
+        module.setattr("__version__", env!("CARGO_PKG_VERSION"))?;
         crate::error::register(module)
     }
 }
