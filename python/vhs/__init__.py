@@ -1,8 +1,10 @@
 """Hindsight goals for reinforcement learning from images.
 
 This module is the storage and relabelling library: it needs numpy alone. The environments (`vhs.envs`) and
-the training code are imported on their own.
+the training code are imported on their own; `HindsightRecorder` brings gymnasium when it is first used.
 """
+
+from typing import TYPE_CHECKING, Any
 
 from vhs._core import (
     ArgumentError,
@@ -32,6 +34,9 @@ from vhs._core import (
 )
 from vhs.outcome import Outcome
 
+if TYPE_CHECKING:
+    from vhs.recorder import HindsightRecorder
+
 __all__ = [
     "ArgumentError",
     "DamagedFileError",
@@ -42,6 +47,7 @@ __all__ = [
     "EpisodeError",
     "GoalStore",
     "Hindsight",
+    "HindsightRecorder",
     "LabelError",
     "LayoutError",
     "NonFiniteError",
@@ -58,3 +64,12 @@ __all__ = [
     "discounted_returns",
     "relabel",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """The names that need gymnasium, when they are asked for."""
+    if name == "HindsightRecorder":
+        from vhs.recorder import HindsightRecorder
+
+        return HindsightRecorder
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
