@@ -28,9 +28,11 @@ from vhs._core import (
     TransitionBatch,
     VhsError,
     WindowBatch,
-    __version__,
     discounted_returns,
     relabel,
+)
+from vhs._core import (
+    __version__ as __version__,
 )
 from vhs.outcome import Outcome
 

@@ -2,9 +2,9 @@
 
 Conventions of every function here:
 
-* Images and goal vectors have exactly the dtype that the structure was built with: uint8 unless said. Integer arguments may be any numpy integer array or a sequence of
-  integers, real ones any float or integer array or sequence; what is not int64 or float32 already is
-  converted. Arrays that are not contiguous are copied first.
+* Images and goal vectors have exactly the dtype that the structure was built with: uint8 unless said. Integer
+  arguments may be any numpy integer array or a sequence of integers, real ones any float or integer array or
+  sequence; what is not int64 or float32 already is converted. Arrays with gaps are copied first.
 * Results are writable numpy arrays; `torch.from_numpy` shares their memory. Large ones lie in memory that vhs
   uses again once the last array that shows it is gone: fresh memory is many times slower to fill. Where a
   function takes `out`, it writes into that array (of exactly the documented dtype and shape, C-contiguous,
@@ -307,12 +307,12 @@ class EpisodeBuffer:
     Finished episodes stay until room is needed and then leave oldest first; open ones are never evicted.
     Frames take `frame_bytes * (steps + episodes)` bytes, taken as the buffer fills.
 
-    Goals come in three kinds. "labels": an episode is told a class number, and what it reaches is what it sees.
+    Goals come in three kinds. "labels": an episode is told a class number, and reaches what it sees.
     "observations": it is told an observation. "vectors": it is told a vector, and one that says what was
     reached comes beside each frame, as in goal-conditioned environments.
 
-    Several threads may read at once while one writes; no reader sees half an episode. Each sampling call takes
-    one number from the buffer's generator: the same calls in the same order give the same batches.
+    Several threads may read at once while one writes; no reader sees half an episode. Each sampling call
+    takes one number from the buffer's generator: the same calls in the same order give the same batches.
     """
 
     def __new__(
@@ -463,9 +463,7 @@ class EpisodeBuffer:
             LabelError: For an unknown stream.
         """
 
-    def observe(
-        self, streams: ArrayLike | None = None, *, out: NDArray[Any] | None = None
-    ) -> NDArray[Any]:
+    def observe(self, streams: ArrayLike | None = None, *, out: NDArray[Any] | None = None) -> NDArray[Any]:
         """The newest stacked observation of each stream, for acting.
 
         Args:
@@ -515,7 +513,8 @@ class EpisodeBuffer:
             relabel: None, or the strategy of `vhs.relabel`; the batch then has a `hindsight`.
             probability: Of relabelling an eligible episode.
             on: Outcomes whose episodes are eligible; None: ("failure",).
-            padded, out: As for `gather`.
+            padded: As for `gather`.
+            out: As for `gather`.
 
         Raises:
             EmptyError: When no finished episode is stored.
@@ -575,15 +574,18 @@ class EpisodeBuffer:
     ) -> WindowBatch:
         """Draw parts of finished episodes with steps before them that warm a recurrent state.
 
-        A window is drawn by its first learned step, all equally likely. It has up to `burn_in` steps before it
-        and up to `length` from it on, fewer at the ends of its episode, which it never leaves; and one goal,
-        relabelled as for `sample_transitions`.
+        A window is drawn by its first learned step, all equally likely. It has up to `burn_in` steps before
+        it and up to `length` from it on, fewer at the ends of its episode, which it never leaves; and one
+        goal, relabelled as for `sample_transitions`.
 
         Args:
             n: Windows to draw, at least 1.
             length: Learned steps of a window at most, at least 1.
             burn_in: Steps before them at most.
-            relabel, probability, ratio, on: As for `sample_transitions`.
+            relabel: As for `sample_transitions`.
+            probability: As for `sample_transitions`.
+            ratio: As for `sample_transitions`.
+            on: As for `sample_transitions`.
             reward: As for `sample_transitions`; a function is called once, with [n, burn_in + length, *goal]
                 of what each step reached and of its window's goal, the latter read-only.
             out: [n, burn_in + length + 1, frame_stack, *frame_shape], for the observations.
@@ -722,8 +724,8 @@ class EpisodeBuffer:
 class EpisodeBatch:
     """B whole episodes as arrays; T is the length of the longest, N the sum of all `lengths + 1`.
 
-    Observations are packed, episode by episode o_0 ..= o_T, unless `padded` was asked for; the arrays of steps
-    are padded with zeros.
+    Observations are packed, episode by episode o_0 ..= o_T, unless `padded` was asked for; the arrays of
+    steps are padded with zeros.
     `vhs.relabel` works on its own copy of lengths, outcomes and last actions: writing to the arrays does not
     change its result.
     """
@@ -862,7 +864,7 @@ class TransitionBatch:
         """
 
     def __len__(self) -> int:
-        """n."""
+        """N."""
 
 @final
 class WindowBatch:
@@ -944,7 +946,7 @@ class WindowBatch:
         """
 
     def __len__(self) -> int:
-        """n."""
+        """N."""
 
 @final
 class SparseReward:

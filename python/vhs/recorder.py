@@ -1,6 +1,6 @@
 """A gymnasium wrapper that makes any goal-conditioned environment feed an `EpisodeBuffer`.
 
-Environments say what they want and what was reached in three ways, and a `GoalReader` turns each into a `Seen`:
+Environments say what they want and what was reached in three ways; a `GoalReader` turns each into a `Seen`:
 dictionaries with `achieved_goal` and `desired_goal` (`GoalDict`), an instruction beside an image
 (`Instruction`), or whatever a function of the user's makes of an observation.
 
@@ -82,8 +82,8 @@ class Instruction:
 class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     """Records every step of an environment in one stream of a buffer.
 
-    Several recorders may share a buffer, each with a stream of its own. An episode that is reset before it has
-    ended is kept as a timeout if it has a step, and dropped otherwise.
+    Several recorders may share a buffer, each with a stream of its own. An episode that is reset before it
+    has ended is kept as a timeout if it has a step, and dropped otherwise.
     """
 
     def __init__(
@@ -181,8 +181,8 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
 def default_outcome(reward: float, terminated: bool, truncated: bool, info: dict[str, Any]) -> Outcome:
     """What the environment says, in the first of these ways that it has.
 
-    `info["outcome"]`, a name; `info["is_success"]` or `info["success"]`; terminated with a positive reward is a
-    success, with another a failure; the rest is a timeout.
+    `info["outcome"]`, a name; `info["is_success"]` or `info["success"]`; terminated with a positive reward is
+    a success, with another a failure; the rest is a timeout.
     """
     if "outcome" in info:
         return Outcome.from_name(info["outcome"])
@@ -206,8 +206,8 @@ def reader_of(space: spaces.Space[Any]) -> GoalReader:
     if {"image", "goal"} <= entries:
         return Instruction(interaction="interaction" if "interaction" in entries else None)
     raise ArgumentError(
-        "`reader`: expected one for an observation space without achieved_goal and desired_goal, or image and "
-        f"goal, got None for {space}"
+        "`reader`: expected one for an observation space without achieved_goal and desired_goal, or image "
+        f"and goal, got None for {space}"
     )
 
 

@@ -58,7 +58,12 @@ class Recording:
 
 
 def record(
-    lengths: list[int], goals: str = "vectors", stack: int = 2, seed: int = 3, capacity: int = 60, **more: object
+    lengths: list[int],
+    goals: str = "vectors",
+    stack: int = 2,
+    seed: int = 3,
+    capacity: int = 60,
+    **more: object,
 ) -> Recording:
     """Episodes of these lengths, the oldest evicted where they are too many."""
     vector = {"goal_shape": (GOAL_DIM,), "goal_dtype": "float32"} if goals == "vectors" else {}

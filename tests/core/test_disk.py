@@ -129,9 +129,7 @@ def test_a_mapped_goal_store_goes_on_alike(
 
 def large_buffer(steps: int, **more: object) -> vhs.EpisodeBuffer:
     """Frames of 84 x 84 pixels, each its number written again and again; episodes of 20 steps."""
-    buffer = vhs.EpisodeBuffer(
-        (84, 84, 3), num_streams=1, max_episode_steps=20, capacity_steps=steps, **more
-    )
+    buffer = vhs.EpisodeBuffer((84, 84, 3), num_streams=1, max_episode_steps=20, capacity_steps=steps, **more)
     for episode in range(steps // 20):
         buffer.begin(0, large_frame(21 * episode))
         for t in range(1, 21):
@@ -156,11 +154,14 @@ def test_four_hundred_megabytes_are_mapped_in_ten_milliseconds_and_saved_in_plac
     # The best of nine: a busy neighbour is not what is measured.
     assert min(times) <= 0.010, times
     batch = buffer.sample_transitions(64)
-    np.testing.assert_array_equal(batch.next_observations[:, 1].reshape(64, -1, 4).view(np.uint32)[:, 0, 0],
-                                  21 * batch.ids + batch.steps + 1)
+    np.testing.assert_array_equal(
+        batch.next_observations[:, 1].reshape(64, -1, 4).view(np.uint32)[:, 0, 0],
+        21 * batch.ids + batch.steps + 1,
+    )
     before, peak = resident(), 0
-    save = subprocess.Popen([sys.executable, "-c", SAVE, str(path), str(tmp_path / "copy")],
-                            stdout=subprocess.PIPE, text=True)
+    save = subprocess.Popen(
+        [sys.executable, "-c", SAVE, str(path), str(tmp_path / "copy")], stdout=subprocess.PIPE, text=True
+    )
     answer, _ = save.communicate(timeout=100)
     peak = int(answer)
     assert peak <= 64e6, f"{peak / 1e6} MB more at the peak of a save, {before}"
@@ -207,9 +208,7 @@ def test_a_scratch_file_holds_what_memory_would_not(tmp_path: Path) -> None:
     anonymous = int(private["Anonymous"].split()[1]) * 1024
     assert anonymous < before + 100e6, "210 MB of frames lie in the file, not in memory"
     with pytest.raises(FileExistsError):
-        vhs.EpisodeBuffer(
-            (1,), num_streams=1, max_episode_steps=1, capacity_steps=1, backing=Path(__file__)
-        )
+        vhs.EpisodeBuffer((1,), num_streams=1, max_episode_steps=1, capacity_steps=1, backing=Path(__file__))
 
 
 # Saves for ever: buffers of which each frame says which save it belongs to.
@@ -262,7 +261,9 @@ def test_a_full_disk_is_an_error_and_the_old_file_stays(tmp_path: Path) -> None:
     recording.buffer.save(path)
     old = path.read_bytes()
     limit = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000)); {FULL}"
-    done = subprocess.run([sys.executable, "-c", limit, str(path)], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", limit, str(path)], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
     assert path.read_bytes() == old
     assert [entry.name for entry in folder.iterdir()] == ["buffer"]

@@ -197,7 +197,10 @@ def test_the_sparse_rule_measures_distances(tolerance: float, terminates: bool) 
     np.testing.assert_array_equal(batch.terminated, near & terminates)
     assert near.any()
     assert not near.all()
-    assert repr(rule) == f"SparseReward(reached=2.0, otherwise=-3.0, tolerance={tolerance}, terminates={terminates})"
+    assert (
+        repr(rule)
+        == f"SparseReward(reached=2.0, otherwise=-3.0, tolerance={tolerance}, terminates={terminates})"
+    )
     assert rule == vhs.SparseReward(2.0, -3.0, tolerance, terminates)
 
 
@@ -226,15 +229,23 @@ def test_out_is_written_in_part_or_whole() -> None:
     ("arguments", "error", "message"),
     [
         ({"n": 0}, vhs.ArgumentError, "`n`: expected a number in 1..="),
-        ({"relabel": "best"}, vhs.ArgumentError, '`strategy`: expected "final", "future", "episode", "random"'),
+        (
+            {"relabel": "best"},
+            vhs.ArgumentError,
+            '`strategy`: expected "final", "future", "episode", "random"',
+        ),
         ({"probability": 0.5, "ratio": 1}, vhs.ArgumentError, "`ratio`: expected either"),
         ({"probability": 1.5}, vhs.ArgumentError, "`probability`: expected a number in 0..=1"),
         ({"ratio": -1}, vhs.ArgumentError, "`ratio`: expected a number"),
         ({"on": ("lost",)}, vhs.ArgumentError, "`outcome`: expected"),
         ({"reward": 3}, vhs.DtypeError, "`reward`: expected a SparseReward or a function"),
-        ({"out": {"images": 3}}, vhs.DtypeError, '`out`: expected arrays named among observations'),
+        ({"out": {"images": 3}}, vhs.DtypeError, "`out`: expected arrays named among observations"),
         ({"out": {"goals": 3}}, vhs.DtypeError, "`out`: expected an array of float32, got int"),
-        ({"out": {"goals": np.zeros((4, 3))}}, vhs.DtypeError, "`out`: expected an array of float32, got float64"),
+        (
+            {"out": {"goals": np.zeros((4, 3))}},
+            vhs.DtypeError,
+            "`out`: expected an array of float32, got float64",
+        ),
         (
             {"out": {"goals": np.zeros((4, 2), np.float32)}},
             vhs.ShapeError,

@@ -74,7 +74,7 @@ class _Recorded(gymnasium.Env[Any, Any]):
     def __init__(self) -> None:
         number = spaces.Box(-1, 1e6, (1,), np.float32)
         self.observation_space = spaces.Dict(
-            {name: number for name in ("observation", "achieved_goal", "desired_goal")}
+            dict.fromkeys(("observation", "achieved_goal", "desired_goal"), number)
         )
         self.action_space = spaces.Discrete(2)
 
@@ -87,7 +87,9 @@ LENGTHS = [1, 2, 5, 3, 4, 1, 7]
 
 @pytest.mark.parametrize("strategy", ["final", "future", "episode"])
 def test_strategies_agree_with_stable_baselines3_as_distributions(strategy: str) -> None:
-    pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed: pip install 'vhs[rivals]'")
+    pytest.importorskip(
+        "stable_baselines3", reason="stable-baselines3 is not installed: pip install 'vhs[rivals]'"
+    )
     ours, theirs = _our_counts(strategy, 60_000), _their_counts(strategy, 60_000)
     assert ours.keys() == theirs.keys()
     for key in ours:
@@ -139,7 +141,9 @@ def _their_counts(strategy: str, n: int) -> dict[tuple[float, float, float], int
         for t in range(length):
             done = np.array([t + 1 == length])
             here, there = shown(episode, t), shown(episode, t + 1)
-            buffer.add(here, there, np.zeros((1, 1)), np.array([-1.0]), done, [{"TimeLimit.truncated": False}])
+            buffer.add(
+                here, there, np.zeros((1, 1)), np.array([-1.0]), done, [{"TimeLimit.truncated": False}]
+            )
     data = buffer.sample(n)
     observations = {name: part.numpy()[:, 0] for name, part in data.observations.items()}
     return _count(observations["observation"], observations["desired_goal"], data.rewards.numpy()[:, 0])

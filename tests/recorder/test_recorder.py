@@ -18,7 +18,7 @@ class Line(gymnasium.Env[dict[str, Any], np.int64]):
 
     def __init__(self) -> None:
         number = spaces.Box(0, 9, (1,), np.int64)
-        entries = {name: number for name in ("observation", "achieved_goal", "desired_goal")}
+        entries = dict.fromkeys(("observation", "achieved_goal", "desired_goal"), number)
         self.observation_space = spaces.Dict(entries)
         self.action_space = spaces.Discrete(2, start=-1)
 
@@ -86,7 +86,9 @@ def test_rewards_are_those_of_the_environment_for_the_new_goals() -> None:
     assert (batch.rewards == 0).any()
     # The built-in rule says the same, and so needs no environment at all.
     sparse = env.buffer.sample_transitions(300, "future", reward=vhs.SparseReward(terminates=False))
-    np.testing.assert_array_equal(sparse.rewards, Line().compute_reward(sparse.achieved_goals, sparse.goals, {}))
+    np.testing.assert_array_equal(
+        sparse.rewards, Line().compute_reward(sparse.achieved_goals, sparse.goals, {})
+    )
 
 
 def test_a_reset_in_the_middle_keeps_what_there_is() -> None:
@@ -122,7 +124,11 @@ def test_environments_of_a_vector_share_a_buffer() -> None:
 def test_our_rooms_are_read_without_being_told_how() -> None:
     pytest.importorskip("mujoco", reason="the rooms need vhs[env]")
     space = spaces.Dict(
-        {"image": spaces.Box(0, 255, (8, 8, 3), np.uint8), "goal": spaces.Discrete(5), "interaction": spaces.Discrete(3)}
+        {
+            "image": spaces.Box(0, 255, (8, 8, 3), np.uint8),
+            "goal": spaces.Discrete(5),
+            "interaction": spaces.Discrete(3),
+        }
     )
 
     class Room(gymnasium.Env[Any, Any]):
@@ -189,7 +195,13 @@ def test_spaces_that_no_buffer_can_hold_are_refused() -> None:
 
 
 def test_readers_take_names_or_functions() -> None:
-    observation = {"pixels": np.ones((2, 2)), "told": 3, "observation": 1, "achieved_goal": 2, "desired_goal": 5}
+    observation = {
+        "pixels": np.ones((2, 2)),
+        "told": 3,
+        "observation": 1,
+        "achieved_goal": 2,
+        "desired_goal": 5,
+    }
     seen = Instruction("pixels", lambda entries: entries["told"] - 1, "told")(observation)
     assert (seen.label, seen.interaction, seen.frame.shape) == (2, 3, (2, 2))
     told = GoalDict()(observation)

@@ -57,18 +57,19 @@ impl Item {
         reason = "distances of goals need no 64-bit integers exactly"
     )]
     pub(crate) fn read(self, bytes: &[u8]) -> f64 {
-        match (self, bytes) {
-            (Self::U8, &[byte]) => f64::from(byte),
-            (Self::I8, &[byte]) => f64::from(i8::from_ne_bytes([byte])),
-            (Self::I32, &[a, b, c, d]) => f64::from(i32::from_ne_bytes([a, b, c, d])),
-            (Self::F32, &[a, b, c, d]) => f64::from(f32::from_ne_bytes([a, b, c, d])),
-            (Self::I64, &[a, b, c, d, e, f, g, h]) => {
-                i64::from_ne_bytes([a, b, c, d, e, f, g, h]) as f64
-            }
-            (Self::F64, &[a, b, c, d, e, f, g, h]) => f64::from_ne_bytes([a, b, c, d, e, f, g, h]),
-            _ => 0.0,
+        match self {
+            Self::U8 => number(bytes, |[byte]| f64::from(byte)),
+            Self::I8 => number(bytes, |bytes| f64::from(i8::from_ne_bytes(bytes))),
+            Self::I32 => number(bytes, |bytes| f64::from(i32::from_ne_bytes(bytes))),
+            Self::I64 => number(bytes, |bytes| i64::from_ne_bytes(bytes) as f64),
+            Self::F32 => number(bytes, |bytes| f64::from(f32::from_ne_bytes(bytes))),
+            Self::F64 => number(bytes, f64::from_ne_bytes),
         }
     }
+}
+
+fn number<const N: usize>(bytes: &[u8], read: impl Fn([u8; N]) -> f64) -> f64 {
+    bytes.try_into().map_or(0.0, read)
 }
 
 /// What an episode is told to reach, and what counts as reached.

@@ -24,8 +24,12 @@ pub struct Episode {
 }
 
 impl Episode {
-    /// An open episode whose first frame lies in this slot.
-    pub(crate) fn new(opening: &Opening<'_>, first: usize) -> Self {
+    /// An open episode whose first frame lies in this slot, and which will have at most so many steps.
+    pub(crate) fn new(opening: &Opening<'_>, first: usize, most_steps: usize) -> Self {
+        // Room for a usual episode from the start: growing step by step costs more than the steps.
+        let steps = most_steps.min(32);
+        let mut frames = Vec::with_capacity(steps + 1);
+        frames.push(first);
         Self {
             goal: opening.goal,
             interaction: opening.interaction,
@@ -33,11 +37,11 @@ impl Episode {
             outcome: Outcome::Timeout,
             is_terminated: false,
             desired: opening.desired.into(),
-            actions: Vec::new(),
+            actions: Vec::with_capacity(steps),
             vectors: Vec::new(),
-            rewards: Vec::new(),
-            values: Vec::new(),
-            frames: vec![first],
+            rewards: Vec::with_capacity(steps),
+            values: Vec::with_capacity(steps),
+            frames,
         }
     }
 
@@ -47,8 +51,9 @@ impl Episode {
         self.rewards.len()
     }
 
-    /// Whether the episode has no step yet.
-    pub(crate) const fn is_empty(&self) -> bool {
+    /// Whether the episode has no step yet; a finished one has.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
         self.rewards.is_empty()
     }
 

@@ -32,7 +32,7 @@ use crate::persist::Loading;
 use crate::rng::Rng;
 use crate::slab::Slab;
 
-const MAGIC: &[u8; 8] = b"vhsepiso";
+const MAGIC: [u8; 8] = *b"vhsepiso";
 const VERSION: u32 = 1;
 /// Words between the version and the frame shape.
 const FIXED: usize = 19;
@@ -102,7 +102,7 @@ fn write_header(buffer: &EpisodeBuffer, file: &mut Writer<'_>) -> Result<()> {
     }
     let kinds = kind | item << 8 | (config.frame_item as u64) << 16 | (shape.len() as u64) << 32;
     let stored = buffer.finished.iter().map(Episode::len).sum::<usize>();
-    file.put(MAGIC)?;
+    file.put(&MAGIC)?;
     file.put_words([
         u64::from(VERSION) | (config.frame_shape.len() as u64) << 32,
         kinds,
@@ -341,7 +341,7 @@ fn read_episodes(reader: &mut Reader<'_>, header: &Header) -> Result<Vec<Episode
             interaction: number(interaction),
             ..Opening::default()
         };
-        let mut episode = Episode::new(&opening, rows);
+        let mut episode = Episode::new(&opening, rows, 0);
         episode.outcome = Outcome::from_code(number(ended & (TERMINATED - 1)))
             .map_err(|error| lie(reader, &error))?;
         reader.number("end of an episode", ended >> 8, 0, 1)?;

@@ -129,7 +129,11 @@ impl EpisodeBuffer {
         }
         self.reserve(1)?;
         let first = self.store(opening.frame, opening.achieved)?;
-        self.open[stream] = Some(Box::new(Episode::new(&opening, first)));
+        self.open[stream] = Some(Box::new(Episode::new(
+            &opening,
+            first,
+            self.config.max_episode_steps,
+        )));
         Ok(())
     }
 
@@ -452,6 +456,9 @@ fn source(backing: &Backing) -> Result<Source> {
 
 /// Refuses a stream that comes twice: which of its two steps came first would be a guess.
 fn check_distinct(streams: &[i64]) -> Result<()> {
+    if streams.len() < 2 {
+        return Ok(());
+    }
     let mut sorted = streams.to_vec();
     sorted.sort_unstable();
     match sorted.windows(2).find(|pair| pair[0] == pair[1]) {

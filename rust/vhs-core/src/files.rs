@@ -65,7 +65,10 @@ impl<'a> Reader<'a> {
         let computed = self.checksum.value();
         let stored = self.words(1)?[0];
         self.checksum = Checksum::new();
-        #[allow(unexpected_cfgs, reason = "set by cargo-fuzz, which cannot guess checksums")]
+        #[allow(
+            unexpected_cfgs,
+            reason = "set by cargo-fuzz, which cannot guess checksums"
+        )]
         if cfg!(fuzzing) {
             return Ok(());
         }
@@ -78,7 +81,7 @@ impl<'a> Reader<'a> {
 
     /// The first two words, the same in every file of a kind: its name, its version and one more number,
     /// which is returned.
-    pub(crate) fn first(&mut self, magic: &[u8; 8], version: u32) -> Result<u64> {
+    pub(crate) fn first(&mut self, magic: [u8; 8], version: u32) -> Result<u64> {
         let mut bytes = [0; 8];
         self.read(&mut bytes)?;
         let found = bytes.escape_ascii().to_string();

@@ -22,7 +22,7 @@ use crate::files::{ALIGNMENT, MAX_DIMENSIONS, MAX_SIZE, Reader, Writer};
 use crate::goals::{GoalStore, MAX_CLASSES};
 use crate::rng::Rng;
 
-const MAGIC: &[u8; 8] = b"vhsgoals";
+const MAGIC: [u8; 8] = *b"vhsgoals";
 const VERSION: u32 = 1;
 /// Bytes before the image shape.
 const FIXED: usize = 64;
@@ -30,7 +30,7 @@ const FIXED: usize = 64;
 /// Writes a store.
 pub(crate) fn write(store: &GoalStore, file: &mut Writer<'_>) -> Result<()> {
     let dimensions = u64::from(dimensions(store)?);
-    file.put(MAGIC)?;
+    file.put(&MAGIC)?;
     file.put_words([u64::from(VERSION) | dimensions << 32])?;
     file.put_words([
         store.num_classes() as u64,

@@ -2,7 +2,8 @@
 //!
 //! Large blocks are anonymous mappings that ask the kernel for huge pages: with small ones every image costs
 //! address translations, measured at 10 % of the copy. Pages are backed when they are first written, so a
-//! mapping costs nothing until it is used. All `unsafe` of this crate is in this file.
+//! mapping costs nothing until it is used. The `unsafe` of this crate is in this file, but for one call in
+//! `prototypes`.
 
 use std::fs::File;
 use std::io;

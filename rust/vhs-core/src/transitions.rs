@@ -143,7 +143,7 @@ impl EpisodeBuffer {
         rule: Option<&HindsightRule>,
         reward: Option<&SparseReward>,
         rng: &mut Rng,
-        out: TransitionOut<'_>,
+        mut out: TransitionOut<'_>,
     ) -> Result<TransitionIndex> {
         reward.map_or(Ok(()), SparseReward::check)?;
         let got = [
@@ -154,7 +154,7 @@ impl EpisodeBuffer {
         ];
         check_shape("out", &self.transition_sizes(n, rule)?, &got)?;
         let picks = self.draw(n, rule, rng)?;
-        self.write_transitions(&picks, out);
+        self.write_transitions(&picks, &mut out);
         Ok(self.transition_index(&picks, reward))
     }
 
@@ -174,7 +174,7 @@ impl EpisodeBuffer {
     }
 
     /// Row by row: the frames that the three images of a row share are still in the cache then.
-    fn write_transitions(&self, picks: &[Pick], out: TransitionOut<'_>) {
+    fn write_transitions(&self, picks: &[Pick], out: &mut TransitionOut<'_>) {
         let n = picks.len();
         let row = |bytes: usize, place: usize| place * (bytes / n)..(place + 1) * (bytes / n);
         let (images, goals, achieved) = (

@@ -3,7 +3,7 @@
 //!
 //! A window is drawn by its first learned step, every stored step equally likely. It has up to `burn_in` steps
 //! before it, to warm a recurrent state, and up to `length` learned ones; at the ends of the episode it has
-//! fewer. Its steps are left-aligned and padded with zeros to W = burn_in + length, its observations to W + 1.
+//! fewer. Its steps are left-aligned and padded with zeros to W = `burn_in` + `length`, its observations to W + 1.
 //! It never leaves its episode and has one goal.
 
 use std::ops::Range;

@@ -92,8 +92,17 @@ impl EpisodeBuffer {
         frames: &Bound<'py, PyAny>,
         count: &[usize],
     ) -> PyResult<PyReadonlyArrayDyn<'py, u8>> {
-        let shape = [count, &self.config.frame_shape].concat();
-        bytes_of(field, frames, self.config.frame_item, &shape)
+        let item = self.config.frame_item;
+        match count {
+            // One frame a step is the usual way: it costs no allocation.
+            [] => bytes_of(field, frames, item, &self.config.frame_shape),
+            _ => bytes_of(
+                field,
+                frames,
+                item,
+                &[count, &self.config.frame_shape].concat(),
+            ),
+        }
     }
 
     /// Goals as bytes; None where none was given.
@@ -103,10 +112,11 @@ impl EpisodeBuffer {
         goals: Option<&Bound<'py, PyAny>>,
         count: &[usize],
     ) -> PyResult<Option<PyReadonlyArrayDyn<'py, u8>>> {
+        let Some(goals) = goals else {
+            return Ok(None);
+        };
         let (goal, item) = goal_array(&self.config);
-        let shape = [count, &goal].concat();
-        let bytes = |goals| bytes_of(field, goals, item, &shape);
-        goals.map(bytes).transpose()
+        bytes_of(field, goals, item, &[count, &goal].concat()).map(Some)
     }
 
     /// Actions of `count` steps: numbers, or vectors.
@@ -534,12 +544,12 @@ impl EpisodeBuffer {
 
     #[getter]
     fn num_steps(&self, py: Python<'_>) -> usize {
-        self.with_buffer(py, |buffer| buffer.num_steps())
+        self.with_buffer(py, core::EpisodeBuffer::num_steps)
     }
 
     #[getter]
     fn nbytes(&self, py: Python<'_>) -> usize {
-        self.with_buffer(py, |buffer| buffer.allocated_bytes())
+        self.with_buffer(py, core::EpisodeBuffer::allocated_bytes)
     }
 
     #[getter]
@@ -619,7 +629,7 @@ impl EpisodeBuffer {
     }
 
     fn __len__(&self, py: Python<'_>) -> usize {
-        self.with_buffer(py, |buffer| buffer.len())
+        self.with_buffer(py, core::EpisodeBuffer::len)
     }
 
     fn __repr__(&self, py: Python<'_>) -> String {
