@@ -7,8 +7,8 @@ its result.
 
 Transitions are drawn from 10,000 steps in 20-step episodes of 84 x 84 frames, two stacked, the goal an image,
 strategy "future", 4 to 1; beside the same draws by numpy `take(out=)` from arrays that store every image of
-every step, and by other libraries where they are installed (`rivals.py`). `--sizes` draws from 10^4, 10^5
-and 10^6 steps; frames are 64 bytes there, so that the search for a step is what is timed and all sizes fit.
+every step, and by other libraries where they are installed (`rivals.py`). `--sizes` draws from growing
+buffers: of images up to 10^5 steps, which fit memory, and of frames of 64 bytes up to 10^6.
 `--neighbour` repeats the table's first rows while another process copies memory without end.
 
     python benchmarks/bench_buffers.py                    # a table
@@ -345,20 +345,27 @@ def measure(case: Case, repeats: int) -> Result:
 
 
 def size_cases() -> list[Case]:
-    """Draws from buffers of growing size; frames so small that the search is what is timed."""
+    """Draws from buffers of growing size, beside numpy taking as many random images from an array of that size.
+
+    The ratio is what stays flat: both miss the caches more as the size grows. Frames of 64 bytes, whose copies
+    cost nothing, show the way to a step alone.
+    """
     cases = []
-    for steps in (10_000, 100_000, 1_000_000):
-        buffer = transition_buffer(steps, (64,))
-        small = np.ones((64, 128), np.uint8)
-        source = small.copy()
+    for frame, sizes in [(FRAME, (10_000, 100_000)), ((64,), (10_000, 100_000, 1_000_000))]:
+        for steps in sizes:
+            buffer = transition_buffer(steps, frame)
+            check_transitions(buffer.sample_transitions(64, "future", ratio=4))
+            stored = np.ones((steps * 21 // 40, 2, *frame), np.uint8)
+            out = np.ones((3 * 64, 2, *frame), np.uint8)
 
-        def draw(buffer: vhs.EpisodeBuffer = buffer) -> object:
-            return buffer.sample_transitions(64, "future", ratio=4)
+            def draw(buffer: vhs.EpisodeBuffer = buffer) -> object:
+                return buffer.sample_transitions(64, "future", ratio=4)
 
-        def copy(small: NDArray[np.uint8] = small, source: NDArray[np.uint8] = source) -> None:
-            np.copyto(small, source)
+            def take(stored: NDArray[np.uint8] = stored, out: NDArray[np.uint8] = out) -> object:
+                return np.take(stored, RNG.integers(0, len(stored), len(out)), axis=0, out=out, mode="clip")
 
-        cases.append(Case(f"64 transitions of 10^{len(str(steps)) - 1} steps", draw, copy, 0.0, 50))
+            name = f"64 of 10^{len(str(steps)) - 1} steps, {np.prod(frame)} bytes a frame"
+            cases.append(Case(name, draw, take, out.nbytes / 1e6, 4))
     return cases
 
 

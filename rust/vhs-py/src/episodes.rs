@@ -25,6 +25,9 @@ use crate::relabel::{outcome, rule};
 use crate::sampling::{goal_array, observation};
 use crate::transitions::{TransitionBatch, WindowBatch};
 
+/// Frames of at most so many bytes are copied without giving the interpreter away: some microseconds.
+const BRIEF: usize = 1 << 16;
+
 /// Episodes of many environments at once; see the stub for its documentation.
 ///
 /// Readers work side by side; whoever writes works alone. The generator has a lock of its own, held for a
@@ -83,6 +86,21 @@ impl EpisodeBuffer {
         call: impl FnOnce(&mut core::EpisodeBuffer) -> Result<R> + Send,
     ) -> PyResult<R> {
         checked(py.detach(|| call(&mut self.inner.write().unwrap_or_else(PoisonError::into_inner))))
+    }
+
+    /// As `write`, for calls that copy a frame or less: where nobody else uses the buffer, giving the interpreter
+    /// away and taking it back would cost more than it frees. Nobody waits for a lock with it in hand.
+    fn write_briefly<R: Send>(
+        &self,
+        py: Python<'_>,
+        call: impl FnOnce(&mut core::EpisodeBuffer) -> Result<R> + Send,
+    ) -> PyResult<R> {
+        if self.config.frame_bytes() <= BRIEF
+            && let Ok(mut buffer) = self.inner.try_write()
+        {
+            return checked(call(&mut buffer));
+        }
+        self.write(py, call)
     }
 
     /// Frames as bytes: `count` of them, or one without a leading dimension.
@@ -291,7 +309,7 @@ impl EpisodeBuffer {
             desired: goal_bytes(desired.as_ref()),
             achieved: goal_bytes(achieved.as_ref()),
         };
-        self.write(py, |buffer| buffer.begin_with(stream, opening))
+        self.write_briefly(py, |buffer| buffer.begin_with(stream, opening))
     }
 
     #[pyo3(signature = (stream, action, reward, value, frame, *, achieved_goal=None))]
@@ -323,7 +341,7 @@ impl EpisodeBuffer {
             frames: slice(&frame),
             achieved: goal_bytes(achieved.as_ref()),
         };
-        self.write(py, |buffer| buffer.append(steps))
+        self.write_briefly(py, |buffer| buffer.append(steps))
     }
 
     #[pyo3(signature = (streams, actions, rewards, values, frames, *, achieved_goals=None))]
@@ -369,7 +387,7 @@ impl EpisodeBuffer {
         terminated: Option<bool>,
     ) -> PyResult<i64> {
         let (stream, outcome) = (integer("stream", stream)?, self::outcome(outcome)?);
-        self.write(py, |buffer| match terminated {
+        self.write_briefly(py, |buffer| match terminated {
             None => buffer.finish(stream, outcome),
             Some(terminated) => buffer.finish_with(stream, outcome, terminated),
         })
