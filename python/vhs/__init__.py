@@ -1,9 +1,10 @@
 """Hindsight goals for reinforcement learning from images.
 
 This module is the storage and relabelling library: it needs numpy alone. The environments (`vhs.envs`) and
-the training code are imported on their own.
+the training code are imported on their own; `HindsightRecorder` brings gymnasium when it is first used.
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from vhs._core import (
@@ -24,16 +25,22 @@ from vhs._core import (
     Prototypes,
     Rng,
     ShapeError,
+    SparseReward,
+    TransitionBatch,
     VhsError,
-    __version__,
+    WindowBatch,
     discounted_returns,
     relabel,
 )
+from vhs._core import __version__ as __version__
 from vhs.outcome import Outcome
 from vhs.raster import RasterRenderer
 
 if TYPE_CHECKING:
+    from vhs.recorder import HindsightRecorder
     from vhs.rollout import RolloutPool
+
+_LAZY = {"HindsightRecorder": "vhs.recorder", "RolloutPool": "vhs.rollout"}
 
 __all__ = [
     "ArgumentError",
@@ -45,6 +52,7 @@ __all__ = [
     "EpisodeError",
     "GoalStore",
     "Hindsight",
+    "HindsightRecorder",
     "LabelError",
     "LayoutError",
     "NonFiniteError",
@@ -56,17 +64,17 @@ __all__ = [
     "Rng",
     "RolloutPool",
     "ShapeError",
+    "SparseReward",
+    "TransitionBatch",
     "VhsError",
-    "__version__",
+    "WindowBatch",
     "discounted_returns",
     "relabel",
 ]
 
 
 def __getattr__(name: str) -> Any:
-    # The pool needs gymnasium, which the library alone does without.
-    if name == "RolloutPool":
-        from vhs.rollout import RolloutPool
-
-        return RolloutPool
+    # What needs gymnasium is loaded when it is asked for: the library alone does without.
+    if name in _LAZY:
+        return getattr(import_module(_LAZY[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -2,12 +2,13 @@
 
 Conventions of every function here:
 
-* Images are uint8 and nothing else. Integer arguments may be any numpy integer array or a sequence of
-  integers, real ones any float or integer array or sequence; what is not int64 or float32 already is
-  converted. Arrays that are not contiguous are copied first.
-* Results are writable numpy arrays; `torch.from_numpy` shares their memory. Where a function takes `out`, it
-  writes into that array (of exactly the documented dtype and shape, C-contiguous, writable) and returns it:
-  memory that is used again is many times faster to fill than fresh memory.
+* Images and goal vectors have exactly the dtype that the structure was built with: uint8 unless said. Integer
+  arguments may be any numpy integer array or a sequence of integers, real ones any float or integer array or
+  sequence; what is not int64 or float32 already is converted. Arrays with gaps are copied first.
+* Results are writable numpy arrays; `torch.from_numpy` shares their memory. Large ones lie in memory that vhs
+  uses again once the last array that shows it is gone: fresh memory is many times slower to fill. Where a
+  function takes `out`, it writes into that array (of exactly the documented dtype and shape, C-contiguous,
+  writable) and returns it.
 * A call that raises has changed nothing. Every message names what was expected and what was found. All
   exceptions derive from `VhsError`, except those of the operating system (`OSError`).
 * The interpreter is released while bytes are copied, and every object may be used from several threads.
@@ -16,12 +17,12 @@ Conventions of every function here:
   elsewhere.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from os import PathLike
 from typing import Any, Literal, TypedDict, final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 __all__ = [
     "ArgumentError",
@@ -45,13 +46,19 @@ __all__ = [
     "RolloutLearner",
     "RolloutWorker",
     "ShapeError",
+    "SparseReward",
+    "TransitionBatch",
     "VhsError",
-    "__version__",
+    "WindowBatch",
     "discounted_returns",
     "relabel",
 ]
 
 __version__: str
+
+_Strategy = Literal["final", "future", "episode", "random"]
+# (achieved_goals, goals) -> rewards, or (rewards, terminated)
+_RewardFunction = Callable[[NDArray[Any], NDArray[Any]], Any]
 
 class _PrototypesState(TypedDict):
     table: NDArray[np.float32]
@@ -164,12 +171,26 @@ class GoalStore:
         """
 
     @staticmethod
-    def load(path: str | PathLike[str]) -> GoalStore:
+    def load(path: str | PathLike[str], *, mmap: bool = False) -> GoalStore:
         """Read a store that `save` wrote; it goes on with the same batches and overwrites in the same order.
+
+        Args:
+            path: Of the file.
+            mmap: True: at once; an image is read from the file when it is first drawn. Images are then not
+                checked (`verify` does that) and the file must not be edited in place or cut short meanwhile;
+                `save` never does. Images pushed later go to memory, never to the file.
 
         Raises:
             OSError: The fitting subclass, such as FileNotFoundError.
             DamagedFileError: For a file of another kind or version, cut short or altered.
+        """
+
+    @staticmethod
+    def verify(path: str | PathLike[str]) -> None:
+        """Compare every checksum of a saved store, without keeping anything in memory.
+
+        Raises:
+            OSError, DamagedFileError: As for `load`.
         """
 
     @property
@@ -289,6 +310,13 @@ class EpisodeBuffer:
 
     Finished episodes stay until room is needed and then leave oldest first; open ones are never evicted.
     Frames take `frame_bytes * (steps + episodes)` bytes, taken as the buffer fills.
+
+    Goals come in three kinds. "labels": an episode is told a class number, and reaches what it sees.
+    "observations": it is told an observation. "vectors": it is told a vector, and one that says what was
+    reached comes beside each frame, as in goal-conditioned environments.
+
+    Several threads may read at once while one writes; no reader sees half an episode. Each sampling call
+    takes one number from the buffer's generator: the same calls in the same order give the same batches.
     """
 
     def __new__(
@@ -299,9 +327,15 @@ class EpisodeBuffer:
         max_episode_steps: int,
         capacity_steps: int,
         frame_stack: int = 2,
-        num_goals: int,
-        num_interactions: int,
+        num_goals: int = 1,
+        num_interactions: int = 0,
         first_interaction_action: int = 3,
+        dtype: DTypeLike = "uint8",
+        goals: Literal["labels", "observations", "vectors"] = "labels",
+        goal_shape: Sequence[int] | None = None,
+        goal_dtype: DTypeLike | None = None,
+        action_dim: int = 0,
+        backing: str | PathLike[str] = "memory",
         seed: int = 0,
     ) -> EpisodeBuffer:
         """An empty buffer.
@@ -315,66 +349,107 @@ class EpisodeBuffer:
             num_goals: Goal classes, at least 1.
             num_interactions: Interactions; with 0, every episode has interaction 0.
             first_interaction_action: The action that does interaction 0. Actions are in
-                0..first_interaction_action + num_interactions; those below it are moves.
-            seed: Of the generator behind `sample_episodes`, in 0..2**64.
+                0..first_interaction_action + num_interactions; those below it are moves. Where there are no
+                interactions, it is the number of actions.
+            dtype: Of frames: uint8, int8, int32, int64, float32 or float64.
+            goals: What a goal is; see above.
+            goal_shape: Of a goal, where goals are vectors.
+            goal_dtype: Of a goal, where goals are vectors; None: float32.
+            action_dim: Numbers in a continuous action; 0: actions are numbered.
+            backing: "memory", or the path of a scratch file that does not exist yet and may grow larger than
+                memory. It vanishes with the buffer, however the process ends; `save` is what keeps episodes.
+            seed: Of the generator behind sampling, in 0..2**64.
 
         Raises:
             ArgumentError: For a number out of range, or sizes whose product no memory can hold.
+            DtypeError: For a type that is not one of those above.
+            OSError: When the scratch file cannot be made.
         """
 
-    def begin(self, stream: int, frame: ArrayLike, goal: int, interaction: int) -> None:
+    def begin(
+        self,
+        stream: int,
+        frame: ArrayLike,
+        goal: int = 0,
+        interaction: int = 0,
+        *,
+        desired_goal: ArrayLike | None = None,
+        achieved_goal: ArrayLike | None = None,
+    ) -> None:
         """Open an episode.
 
         Args:
             stream: In 0..num_streams.
-            frame: The first frame, uint8, shape `frame_shape`.
+            frame: The first frame, shape `frame_shape`.
             goal: Instructed goal class, in 0..num_goals.
             interaction: Instructed interaction, in 0..num_interactions.
+            desired_goal: The goal told, shape `goal_shape`; where goals are observations or vectors.
+            achieved_goal: The goal reached at the first frame, shape `goal_shape`; where goals are vectors.
 
         Raises:
             ProtocolError: When the stream has an open episode already.
-            ShapeError, DtypeError, LabelError: For an argument that does not fit.
+            ShapeError, DtypeError, LabelError: For an argument that does not fit or is missing.
         """
 
-    def append(self, stream: int, action: int, reward: float, value: float, frame: ArrayLike) -> None:
+    def append(
+        self,
+        stream: int,
+        action: int | ArrayLike,
+        reward: float,
+        value: float,
+        frame: ArrayLike,
+        *,
+        achieved_goal: ArrayLike | None = None,
+    ) -> None:
         """Add one step to the open episode of a stream.
 
         Args:
             stream: In 0..num_streams.
-            action: Taken at the newest frame.
+            action: Taken at the newest frame: a number, or float32 [action_dim].
             reward: Of the action.
             value: The critic's value when acting.
-            frame: The next frame, uint8, shape `frame_shape`.
+            frame: The next frame, shape `frame_shape`.
+            achieved_goal: The goal reached at that frame, shape `goal_shape`; where goals are vectors.
 
         Raises:
             ProtocolError: When no episode is open, or it has `max_episode_steps` steps already.
-            NonFiniteError: For a reward or value that is NaN or infinite.
+            NonFiniteError: For a reward, value or action that is NaN or infinite.
             ShapeError, DtypeError, LabelError: For an argument that does not fit.
         """
 
     def append_batch(
-        self, streams: ArrayLike, actions: ArrayLike, rewards: ArrayLike, values: ArrayLike, frames: ArrayLike
+        self,
+        streams: ArrayLike,
+        actions: ArrayLike,
+        rewards: ArrayLike,
+        values: ArrayLike,
+        frames: ArrayLike,
+        *,
+        achieved_goals: ArrayLike | None = None,
     ) -> None:
         """Add one step to each of several open episodes; where one is refused, none is added.
 
         Args:
             streams: int64 [n], each at most once.
-            actions: int64 [n].
+            actions: int64 [n], or float32 [n, action_dim].
             rewards: float32 [n].
             values: float32 [n].
-            frames: The next frames, uint8 [n, *frame_shape].
+            frames: The next frames, [n, *frame_shape].
+            achieved_goals: The goals reached at those frames, [n, *goal_shape]; where goals are vectors.
 
         Raises:
             ArgumentError: When a stream comes twice.
             ProtocolError, NonFiniteError, ShapeError, DtypeError, LabelError: As for `append`.
         """
 
-    def finish(self, stream: int, outcome: int | str) -> int:
+    def finish(self, stream: int, outcome: int | str, terminated: bool | None = None) -> int:
         """Close the open episode of a stream; its newest frame becomes the final observation.
 
         Args:
             stream: In 0..num_streams.
             outcome: A `vhs.Outcome`, or its name: "success", "failure" or "timeout".
+            terminated: Whether the last step ended the task (True) or a limit cut it off (False). None: a
+                timeout is cut off, anything else ended.
 
         Returns:
             The episode's id; ids count up from 0 in the order of `finish`.
@@ -392,9 +467,7 @@ class EpisodeBuffer:
             LabelError: For an unknown stream.
         """
 
-    def observe(
-        self, streams: ArrayLike | None = None, *, out: NDArray[np.uint8] | None = None
-    ) -> NDArray[np.uint8]:
+    def observe(self, streams: ArrayLike | None = None, *, out: NDArray[Any] | None = None) -> NDArray[Any]:
         """The newest stacked observation of each stream, for acting.
 
         Args:
@@ -410,13 +483,16 @@ class EpisodeBuffer:
             ShapeError, DtypeError, LayoutError: For an `out` that does not fit.
         """
 
-    def gather(self, ids: ArrayLike, *, out: NDArray[np.uint8] | None = None) -> EpisodeBatch:
+    def gather(
+        self, ids: ArrayLike, *, padded: bool = False, out: NDArray[Any] | None = None
+    ) -> EpisodeBatch:
         """Copy finished episodes into a batch.
 
         Args:
             ids: int64 [B], at least one; an id may come more than once.
-            out: uint8 [at least N, frame_stack, *frame_shape]; the batch's observations become a view of its
-                first N rows.
+            padded: True: observations are [B, T + 1, ...], zeros after an episode's end, instead of packed.
+            out: [at least N, frame_stack, *frame_shape]; the batch's observations become a view of its
+                first N rows (N is B * (T + 1) where padded).
 
         Raises:
             EpisodeError: When an id was evicted or never existed.
@@ -430,22 +506,136 @@ class EpisodeBuffer:
         relabel: Literal["final"] | None = None,
         probability: float = 1.0,
         on: Sequence[int | str] | None = None,
+        *,
+        padded: bool = False,
+        out: NDArray[Any] | None = None,
     ) -> EpisodeBatch:
-        """Draw finished episodes, uniformly and with replacement, with the buffer's own generator.
+        """Draw finished episodes, uniformly and with replacement.
 
         Args:
             n: Episodes to draw, at least 1.
             relabel: None, or the strategy of `vhs.relabel`; the batch then has a `hindsight`.
             probability: Of relabelling an eligible episode.
             on: Outcomes whose episodes are eligible; None: ("failure",).
+            padded: As for `gather`.
+            out: As for `gather`.
 
         Raises:
             EmptyError: When no finished episode is stored.
             ArgumentError: For a number or a word that is not known.
+            ShapeError, DtypeError, LayoutError: For an `out` that does not fit.
+        """
+
+    def sample_transitions(
+        self,
+        n: int,
+        relabel: _Strategy | None = None,
+        *,
+        probability: float | None = None,
+        ratio: int | None = None,
+        on: Sequence[int | str] | None = None,
+        reward: SparseReward | _RewardFunction | None = None,
+        out: dict[str, NDArray[Any]] | None = None,
+    ) -> TransitionBatch:
+        """Draw single steps of finished episodes, uniformly and with replacement (Andrychowicz et al. 2017).
+
+        A relabelled step gets as its goal what its own episode reached at its end ("final"), after the step
+        ("future"), or at any time ("episode"), or what any stored episode reached ("random"): always what an
+        observation after a step reached, all of them equally likely.
+
+        Args:
+            n: Steps to draw, at least 1.
+            relabel: The strategy, or None.
+            probability: Of relabelling an eligible step, in 0..=1; 0.8 where no ratio is given either.
+            ratio: Instead of a probability: of every ratio + 1 rows, all but the first are relabelled.
+            on: Outcomes whose episodes are eligible; None: all.
+            reward: How relabelled steps are rewarded. None: `SparseReward()`. A function is called once, with
+                what all n steps reached and all n goals, [n, *goal] each, and returns rewards [n], or rewards
+                and terminated (bool [n]); what it says of steps that are not relabelled is not used. Where it
+                returns rewards alone, terminated stays as recorded.
+            out: Arrays to write into, by the name of the batch's attribute: "observations",
+                "next_observations", "goals", "achieved_goals", or some of them.
+
+        Raises:
+            EmptyError: When no finished episode is stored.
+            ArgumentError: For a number or a word that is not known, or both a probability and a ratio.
+            NonFiniteError: When the function returns NaN or infinity.
+            ShapeError, DtypeError, LayoutError: For an `out` or a reward that does not fit.
+        """
+
+    def sample_windows(
+        self,
+        n: int,
+        length: int,
+        burn_in: int = 0,
+        relabel: _Strategy | None = None,
+        *,
+        probability: float | None = None,
+        ratio: int | None = None,
+        on: Sequence[int | str] | None = None,
+        reward: SparseReward | _RewardFunction | None = None,
+        out: NDArray[Any] | None = None,
+    ) -> WindowBatch:
+        """Draw parts of finished episodes with steps before them that warm a recurrent state.
+
+        A window is drawn by its first learned step, all equally likely. It has up to `burn_in` steps before
+        it and up to `length` from it on, fewer at the ends of its episode, which it never leaves; and one
+        goal, relabelled as for `sample_transitions`.
+
+        Args:
+            n: Windows to draw, at least 1.
+            length: Learned steps of a window at most, at least 1.
+            burn_in: Steps before them at most.
+            relabel: As for `sample_transitions`.
+            probability: As for `sample_transitions`.
+            ratio: As for `sample_transitions`.
+            on: As for `sample_transitions`.
+            reward: As for `sample_transitions`; a function is called once, with [n, burn_in + length, *goal]
+                of what each step reached and of its window's goal, the latter read-only.
+            out: [n, burn_in + length + 1, frame_stack, *frame_shape], for the observations.
+
+        Raises:
+            EmptyError, ArgumentError, NonFiniteError, ShapeError, DtypeError, LayoutError: As for
+                `sample_transitions`.
+        """
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the finished episodes and the generator to a file, as `GoalStore.save` does.
+
+        Open episodes are not part of it: they belong to environments that run now. Frames are written from
+        where they lie, without a second copy. Other threads that use the buffer wait.
+
+        Raises:
+            OSError: The fitting subclass, such as PermissionError; the file is then as it was.
+        """
+
+    @staticmethod
+    def load(
+        path: str | PathLike[str], *, mmap: bool = False, backing: str | PathLike[str] = "memory"
+    ) -> EpisodeBuffer:
+        """Read a buffer that `save` wrote; it goes on with the same ids and the same batches, streams idle.
+
+        Args:
+            path: Of the file.
+            mmap: True: at once; a frame is read from the file when it is first drawn, and not checked. As for
+                `GoalStore.load`.
+            backing: Where frames are read to, as for the constructor; not with `mmap`.
+
+        Raises:
+            OSError: The fitting subclass, such as FileNotFoundError.
+            DamagedFileError: For a file of another kind or version, cut short or altered.
+        """
+
+    @staticmethod
+    def verify(path: str | PathLike[str]) -> None:
+        """Compare every checksum of a saved buffer, without keeping frames in memory.
+
+        Raises:
+            OSError, DamagedFileError: As for `load`.
         """
 
     def state_dict(self) -> _RngState:
-        """The generator's state. Episodes are not part of it: on-policy ones are of no use after a restart.
+        """The generator's state. Episodes are not part of it: `save` keeps both.
 
         Returns:
             "rng" uint64 [4].
@@ -484,6 +674,26 @@ class EpisodeBuffer:
         """Shape of one observation: (frame_stack, *frame_shape)."""
 
     @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of frames."""
+
+    @property
+    def goals(self) -> Literal["labels", "observations", "vectors"]:
+        """What a goal is."""
+
+    @property
+    def goal_shape(self) -> tuple[int, ...]:
+        """Shape of what a step reaches: of a goal vector or an observation."""
+
+    @property
+    def goal_dtype(self) -> np.dtype[Any]:
+        """Of what a step reaches."""
+
+    @property
+    def action_dim(self) -> int:
+        """Numbers in a continuous action; 0 where actions are numbered."""
+
+    @property
     def num_streams(self) -> int:
         """Environments that feed the buffer."""
 
@@ -518,14 +728,27 @@ class EpisodeBuffer:
 class EpisodeBatch:
     """B whole episodes as arrays; T is the length of the longest, N the sum of all `lengths + 1`.
 
-    Observations are packed, episode by episode o_0 ..= o_T; the arrays of steps are padded with zeros.
+    Observations are packed, episode by episode o_0 ..= o_T, unless `padded` was asked for; the arrays of
+    steps are padded with zeros.
     `vhs.relabel` works on its own copy of lengths, outcomes and last actions: writing to the arrays does not
     change its result.
     """
 
     @property
-    def observations(self) -> NDArray[np.uint8]:
-        """Stacked images, uint8 [N, frame_stack, *frame_shape]."""
+    def observations(self) -> NDArray[Any]:
+        """Stacked frames, [N, frame_stack, *frame_shape], or [B, T + 1, ...] where padded."""
+
+    @property
+    def desired_goals(self) -> NDArray[Any] | None:
+        """The goals told, [B, *goal_shape]; None where goals are class numbers."""
+
+    @property
+    def achieved_goals(self) -> NDArray[Any] | None:
+        """The goals reached, laid out as the observations; None where observations are what is reached."""
+
+    @property
+    def terminated(self) -> NDArray[np.bool_]:
+        """Whether each episode's last step ended the task, bool [B]."""
 
     @property
     def offsets(self) -> NDArray[np.int64]:
@@ -536,8 +759,8 @@ class EpisodeBatch:
         """Steps of each episode, int64 [B]."""
 
     @property
-    def actions(self) -> NDArray[np.int64]:
-        """Actions, int64 [B, T]."""
+    def actions(self) -> NDArray[Any]:
+        """Actions, int64 [B, T], or float32 [B, T, action_dim]."""
 
     @property
     def rewards(self) -> NDArray[np.float32]:
@@ -573,6 +796,197 @@ class EpisodeBatch:
 
     def __len__(self) -> int:
         """B."""
+
+@final
+class TransitionBatch:
+    """n single steps as arrays."""
+
+    @property
+    def observations(self) -> NDArray[Any]:
+        """Stacked frames before the step, [n, frame_stack, *frame_shape]."""
+
+    @property
+    def next_observations(self) -> NDArray[Any]:
+        """Stacked frames after the step, of the same shape."""
+
+    @property
+    def goals(self) -> NDArray[Any] | None:
+        """Goals, [n, *goal_shape]: the new one where relabelled, else the one told.
+
+        Where goals are class numbers: None if nothing was to be relabelled, and zeros in rows that are not.
+        """
+
+    @property
+    def achieved_goals(self) -> NDArray[Any] | None:
+        """Goals reached by the step, [n, *goal_shape]; None where `next_observations` are what is reached."""
+
+    @property
+    def actions(self) -> NDArray[Any]:
+        """Actions, int64 [n], or float32 [n, action_dim]."""
+
+    @property
+    def rewards(self) -> NDArray[np.float32]:
+        """Rewards under the row's goal, float32 [n]."""
+
+    @property
+    def terminated(self) -> NDArray[np.bool_]:
+        """Whether the task ended with the step, bool [n]: nothing is to be expected after it."""
+
+    @property
+    def truncated(self) -> NDArray[np.bool_]:
+        """Whether the episode was cut off after the step, bool [n]: the task would have gone on."""
+
+    @property
+    def relabelled(self) -> NDArray[np.bool_]:
+        """Whether each row has a new goal, bool [n]."""
+
+    @property
+    def ids(self) -> NDArray[np.int64]:
+        """Id of the episode that each row is from, int64 [n]."""
+
+    @property
+    def steps(self) -> NDArray[np.int64]:
+        """Step in its episode, int64 [n]."""
+
+    @property
+    def goal_ids(self) -> NDArray[np.int64]:
+        """Id of the episode that the new goal is from, int64 [n]; the row's own where not relabelled."""
+
+    @property
+    def goal_steps(self) -> NDArray[np.int64]:
+        """Number of the observation that reached the new goal, int64 [n]; -1 where not relabelled."""
+
+    @property
+    def labels(self) -> NDArray[np.int64]:
+        """Instructed goal classes, int64 [n]."""
+
+    @property
+    def interactions(self) -> NDArray[np.int64]:
+        """The interaction done on reaching the new goal, int64 [n].
+
+        The instructed one where the row is not relabelled or the action that reached the goal was a move.
+        """
+
+    def __len__(self) -> int:
+        """N."""
+
+@final
+class WindowBatch:
+    """n parts of episodes as arrays; W is burn_in + length. Steps are left-aligned, zeros after the last."""
+
+    @property
+    def observations(self) -> NDArray[Any]:
+        """Stacked frames, [n, W + 1, frame_stack, *frame_shape]."""
+
+    @property
+    def goals(self) -> NDArray[Any] | None:
+        """One goal a window, [n, *goal_shape]; as in `TransitionBatch`."""
+
+    @property
+    def achieved_goals(self) -> NDArray[Any] | None:
+        """Goals reached by each observation, [n, W + 1, *goal_shape]; None where observations are that."""
+
+    @property
+    def actions(self) -> NDArray[Any]:
+        """Actions, int64 [n, W], or float32 [n, W, action_dim]."""
+
+    @property
+    def rewards(self) -> NDArray[np.float32]:
+        """Rewards under the window's goal, float32 [n, W]."""
+
+    @property
+    def values(self) -> NDArray[np.float32]:
+        """The critic's values when acting, float32 [n, W]."""
+
+    @property
+    def terminated(self) -> NDArray[np.bool_]:
+        """Whether the task ended with a step, bool [n, W]."""
+
+    @property
+    def truncated(self) -> NDArray[np.bool_]:
+        """Whether the episode was cut off after a step, bool [n, W]."""
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """True for steps to learn from, bool [n, W]: not for burn-in and not after the last."""
+
+    @property
+    def burn_in(self) -> NDArray[np.int64]:
+        """Steps before the first learned one, int64 [n]."""
+
+    @property
+    def lengths(self) -> NDArray[np.int64]:
+        """Steps of each window, burn-in included, int64 [n]."""
+
+    @property
+    def relabelled(self) -> NDArray[np.bool_]:
+        """Whether each row has a new goal, bool [n]."""
+
+    @property
+    def ids(self) -> NDArray[np.int64]:
+        """Id of the episode that each row is from, int64 [n]."""
+
+    @property
+    def steps(self) -> NDArray[np.int64]:
+        """First step of the window in its episode, int64 [n]."""
+
+    @property
+    def goal_ids(self) -> NDArray[np.int64]:
+        """Id of the episode that the new goal is from, int64 [n]; the row's own where not relabelled."""
+
+    @property
+    def goal_steps(self) -> NDArray[np.int64]:
+        """Number of the observation that reached the new goal, int64 [n]; -1 where not relabelled."""
+
+    @property
+    def labels(self) -> NDArray[np.int64]:
+        """Instructed goal classes, int64 [n]."""
+
+    @property
+    def interactions(self) -> NDArray[np.int64]:
+        """The interaction done on reaching the new goal, int64 [n].
+
+        The instructed one where the row is not relabelled or the action that reached the goal was a move.
+        """
+
+    def __len__(self) -> int:
+        """N."""
+
+@final
+class SparseReward:
+    """The built-in reward of relabelled steps: one number where the goal is reached, another elsewhere."""
+
+    def __new__(
+        cls, reached: float = 0.0, otherwise: float = -1.0, tolerance: float = 0.0, terminates: bool = True
+    ) -> SparseReward:
+        """A rule.
+
+        Args:
+            reached: Reward of a step that reaches the goal.
+            otherwise: Reward of any other step.
+            tolerance: Largest Euclidean distance that counts as reached, for goal vectors; 0: the same bytes.
+            terminates: Whether a step that reaches the goal ends the task.
+
+        Raises:
+            ArgumentError: For rewards that are not finite, or a tolerance that is negative or NaN.
+        """
+
+    def __eq__(self, other: object, /) -> bool: ...
+    @property
+    def reached(self) -> float:
+        """Reward of a step that reaches the goal."""
+
+    @property
+    def otherwise(self) -> float:
+        """Reward of any other step."""
+
+    @property
+    def tolerance(self) -> float:
+        """Largest distance that counts as reached."""
+
+    @property
+    def terminates(self) -> bool:
+        """Whether a step that reaches the goal ends the task."""
 
 @final
 class Hindsight:

@@ -22,6 +22,13 @@ def one_of_each() -> dict[str, np.ndarray]:
     batch = buffer.sample_episodes(4, relabel="final")
     arrays = {name: getattr(batch, name) for name in dir(batch) if not name.startswith("_")}
     hindsight = arrays.pop("hindsight")
+    assert arrays.pop("desired_goals") is arrays.pop("achieved_goals") is None  # goals are labels here
+    for kind, rows in [
+        ("step", buffer.sample_transitions(4, "final")),
+        ("part", buffer.sample_windows(4, 2)),
+    ]:
+        named = {f"{kind} {name}": getattr(rows, name) for name in dir(rows) if not name.startswith("_")}
+        arrays |= {name: array for name, array in named.items() if array is not None}
     arrays |= {f"new {name}": getattr(hindsight, name) for name in ("selected", "goal_rows", "interactions")}
     arrays |= {"observed": buffer.observe([0]), "ids": buffer.ids, "open": buffer.open}
     arrays |= {"goals": store.sample(3)[0], "labels": store.sample(3)[1], "counts": store.counts}

@@ -205,8 +205,8 @@ def test_a_frame_is_stored_once_although_observations_stack_two() -> None:
             buffer.append(0, 0, 0.0, 0.0, frame)
         buffer.finish(0, "timeout")
     assert buffer.num_steps == 1000
-    # 21 frames for 20 steps, and less than one unfilled megabyte.
-    assert buffer.nbytes <= 1050 * frame.nbytes + 2**20
+    # 21 frames for 20 steps, and less than one unfilled huge page.
+    assert buffer.nbytes <= 1050 * frame.nbytes + 2**21
 
 
 def test_properties_say_what_the_buffer_was_built_from() -> None:

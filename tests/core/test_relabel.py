@@ -113,7 +113,7 @@ def test_the_batch_is_left_as_it_was() -> None:
     names = [name for name in dir(batch) if isinstance(getattr(batch, name), np.ndarray)]
     before = {name: getattr(batch, name).copy() for name in names}
     vhs.relabel(batch, rng=0, probability=1.0)
-    assert len(names) == 11
+    assert len(names) == 12
     for name in names:
         np.testing.assert_array_equal(getattr(batch, name), before[name])
 

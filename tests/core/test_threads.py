@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from threading import Event
 
@@ -87,6 +88,66 @@ def test_readers_of_episodes_see_whole_ones_while_others_are_evicted() -> None:
         written = sum(writer.result(timeout=60) for writer in writers)
     assert buffer.ids[-1] == written - 1
     assert len(buffer) < written
+
+
+def check_steps(buffer: vhs.EpisodeBuffer) -> None:
+    batch = buffer.sample_transitions(8, "future", ratio=4)
+    new = batch.relabelled
+    assert uniform_images(batch.observations)
+    assert uniform_images(batch.next_observations)
+    assert uniform_images(batch.goals[new])
+    np.testing.assert_array_equal(batch.observations[:, 0, 0, 0, 0], batch.labels)
+    np.testing.assert_array_equal(batch.goals[new, 0, 0, 0, 0], batch.labels[new])
+    np.testing.assert_array_equal(batch.rewards[~new], batch.ids[~new])
+
+
+def check_windows(buffer: vhs.EpisodeBuffer) -> None:
+    batch = buffer.sample_windows(4, 2, 2)
+    for row, used in enumerate(batch.lengths + 1):
+        assert (batch.observations[row, :used] == batch.labels[row]).all()
+
+
+def check_episodes(buffer: vhs.EpisodeBuffer) -> None:
+    batch = buffer.sample_episodes(3, padded=True)
+    for row, used in enumerate(batch.lengths + 1):
+        assert (batch.observations[row, :used] == batch.goals[row]).all()
+        assert (batch.rewards[row, : used - 1] == batch.ids[row]).all()
+
+
+def write_until(buffer: vhs.EpisodeBuffer, done: Event) -> int:
+    """Episodes whose frames, labels and rewards all say the episode's number."""
+    episodes = 0
+    while not done.is_set() or episodes < 200:
+        frame = np.full(SHAPE, episodes % 256, np.uint8)
+        buffer.begin(0, frame, episodes % 256, 0)
+        for _ in range(1 + episodes % 4):
+            buffer.append(0, 0, float(episodes), 0.0, frame)
+        assert buffer.finish(0, "failure") == episodes
+        episodes += 1
+    return episodes
+
+
+def read_often(buffer: vhs.EpisodeBuffer, check: Callable[[vhs.EpisodeBuffer], None]) -> None:
+    drawn = 0
+    while drawn < 150:
+        try:
+            check(buffer)
+        except vhs.EmptyError:  # the writer has not come to its first episode yet
+            continue
+        drawn += 1
+
+
+def test_one_writer_and_four_readers_of_every_kind_never_meet_a_torn_episode() -> None:
+    buffer, done = small_buffer(), Event()
+    checks = (check_steps, check_steps, check_windows, check_episodes)
+    with ThreadPoolExecutor(5) as pool:
+        writer = pool.submit(write_until, buffer, done)
+        try:
+            for reader in [pool.submit(read_often, buffer, check) for check in checks]:
+                reader.result(timeout=60)
+        finally:
+            done.set()
+        assert writer.result(timeout=60) > len(buffer)
 
 
 def test_collecting_and_writing_do_not_wait_for_each_other() -> None:

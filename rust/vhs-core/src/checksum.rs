@@ -33,6 +33,7 @@ impl Checksum {
     }
 
     /// The checksum of `bytes` alone.
+    #[cfg(test)]
     pub(crate) fn of(bytes: &[u8]) -> u64 {
         let mut checksum = Self::new();
         checksum.update(bytes);

@@ -1,79 +1,8 @@
-//! One episode, the step that extends it, and the sizes that bound both.
+//! One episode, how it opens, and the step that extends it.
 //!
 //! Plain data: the rules of when a step may be appended are in `episodes`.
 
-#[cfg(doc)]
-use crate::episodes::EpisodeBuffer;
-use crate::error::{self, Result, check_range};
-use crate::goals::image_bytes;
 use crate::outcome::Outcome;
-
-/// The most streams, goals, interactions, stacked frames or steps of an episode.
-const MAX_COUNT: usize = 1 << 20;
-
-/// What an [`EpisodeBuffer`] is built from.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct EpisodeConfig {
-    /// Shape of one frame, uint8.
-    pub frame_shape: Vec<usize>,
-    /// Environments that feed the buffer at the same time.
-    pub num_streams: usize,
-    /// Steps after which no more can be appended to an episode.
-    pub max_episode_steps: usize,
-    /// Steps kept over all episodes; at least `num_streams * max_episode_steps`, for open episodes
-    /// are never evicted.
-    pub capacity_steps: usize,
-    /// Frames in one observation.
-    pub frame_stack: usize,
-    /// Goal classes.
-    pub num_goals: usize,
-    /// Interactions; 0 where the task has none, and interaction 0 stands for none.
-    pub num_interactions: usize,
-    /// The action that does interaction 0; the actions below it are moves, those from it on the
-    /// interactions.
-    pub first_interaction_action: usize,
-    /// Seed of [`EpisodeBuffer::sample`] and of the relabelling done with it.
-    pub seed: u64,
-}
-
-impl EpisodeConfig {
-    pub(crate) fn check(&self) -> Result<()> {
-        image_bytes("frame_shape", &self.frame_shape)?;
-        check_range("num_streams", self.num_streams, 1, MAX_COUNT)?;
-        check_range("max_episode_steps", self.max_episode_steps, 1, MAX_COUNT)?;
-        check_range("frame_stack", self.frame_stack, 1, MAX_COUNT)?;
-        check_range("num_goals", self.num_goals, 1, MAX_COUNT)?;
-        check_range("num_interactions", self.num_interactions, 0, MAX_COUNT)?;
-        check_range(
-            "first_interaction_action",
-            self.first_interaction_action,
-            0,
-            MAX_COUNT,
-        )?;
-        check_range("actions", self.num_actions(), 1, 2 * MAX_COUNT)?;
-        // Two frames a step at most: the shortest episode has one step and two frames.
-        error::product(
-            "capacity_steps",
-            &[self.capacity_steps, 2, self.frame_bytes(), self.frame_stack],
-        )?;
-        check_range(
-            "capacity_steps",
-            self.capacity_steps,
-            self.num_streams.saturating_mul(self.max_episode_steps),
-            usize::MAX,
-        )
-    }
-
-    /// Actions there are: moves and interactions.
-    #[must_use]
-    pub const fn num_actions(&self) -> usize {
-        self.first_interaction_action + self.num_interactions
-    }
-
-    pub(crate) fn frame_bytes(&self) -> usize {
-        self.frame_shape.iter().product()
-    }
-}
 
 /// One episode, open or finished.
 #[derive(Debug)]
@@ -81,36 +10,51 @@ pub struct Episode {
     pub(crate) goal: i64,
     pub(crate) interaction: i64,
     pub(crate) outcome: Outcome,
+    pub(crate) is_terminated: bool,
+    /// The goal it was told, empty where that is a class number alone.
+    pub(crate) desired: Box<[u8]>,
+    /// Numbered actions; empty where actions are continuous.
     pub(crate) actions: Vec<i64>,
+    /// Continuous actions one after the other; empty where actions are numbered.
+    pub(crate) vectors: Vec<f32>,
     pub(crate) rewards: Vec<f32>,
     pub(crate) values: Vec<f32>,
     /// Slots of frames 0..=T in the slab.
     pub(crate) frames: Vec<usize>,
 }
 
-#[expect(
-    clippy::len_without_is_empty,
-    reason = "a finished episode has at least one step"
-)]
 impl Episode {
-    /// An open episode whose first frame lies in this slot.
-    pub(crate) fn new(goal: i64, interaction: i64, first: usize) -> Self {
+    /// An open episode whose first frame lies in this slot, and which will have at most so many steps.
+    pub(crate) fn new(opening: &Opening<'_>, first: usize, most_steps: usize) -> Self {
+        // Room for a usual episode from the start: growing step by step costs more than the steps.
+        let steps = most_steps.min(32);
+        let mut frames = Vec::with_capacity(steps + 1);
+        frames.push(first);
         Self {
-            goal,
-            interaction,
-            // Until `finish` says otherwise; nobody reads it before.
+            goal: opening.goal,
+            interaction: opening.interaction,
+            // Until `finish` says otherwise; nobody reads them before.
             outcome: Outcome::Timeout,
-            actions: Vec::new(),
-            rewards: Vec::new(),
-            values: Vec::new(),
-            frames: vec![first],
+            is_terminated: false,
+            desired: opening.desired.into(),
+            actions: Vec::with_capacity(steps),
+            vectors: Vec::new(),
+            rewards: Vec::with_capacity(steps),
+            values: Vec::with_capacity(steps),
+            frames,
         }
     }
 
     /// Steps taken: T.
     #[must_use]
     pub const fn len(&self) -> usize {
-        self.actions.len()
+        self.rewards.len()
+    }
+
+    /// Whether the episode has no step yet; a finished one has.
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.rewards.is_empty()
     }
 
     /// The instructed goal class.
@@ -131,7 +75,25 @@ impl Episode {
         self.outcome
     }
 
-    /// Actions `a_0 ..= a_(T-1)`; the last one led to the final observation.
+    /// Whether its last step ended the task; false where it was cut off, as by a time limit.
+    #[must_use]
+    pub const fn is_terminated(&self) -> bool {
+        self.is_terminated
+    }
+
+    /// The goal it was told, as bytes; empty where that is a class number alone.
+    #[must_use]
+    pub fn desired(&self) -> &[u8] {
+        &self.desired
+    }
+
+    /// Continuous actions one after the other; empty where actions are numbered.
+    #[must_use]
+    pub fn action_vectors(&self) -> &[f32] {
+        &self.vectors
+    }
+
+    /// Numbered actions `a_0 ..= a_(T-1)`; the last one led to the final observation.
     #[must_use]
     pub fn actions(&self) -> &[i64] {
         &self.actions
@@ -150,17 +112,36 @@ impl Episode {
     }
 }
 
+/// How an episode begins.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Opening<'a> {
+    /// The first frame.
+    pub frame: &'a [u8],
+    /// The instructed goal class.
+    pub goal: i64,
+    /// The instructed interaction.
+    pub interaction: i64,
+    /// The goal it is told: a vector or an observation; empty where that is a class number alone.
+    pub desired: &'a [u8],
+    /// The goal vector reached at the first frame; empty where goals are not vectors.
+    pub achieved: &'a [u8],
+}
+
 /// One step of several streams, as parallel arrays of the same length.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Steps<'a> {
     /// Streams, each at most once.
     pub streams: &'a [i64],
-    /// The action taken at the newest frame of each stream.
+    /// The action taken at the newest frame of each stream; empty where actions are continuous.
     pub actions: &'a [i64],
+    /// Continuous actions one after the other; empty where actions are numbered.
+    pub vectors: &'a [f32],
     /// The action's reward.
     pub rewards: &'a [f32],
     /// The critic's value when acting.
     pub values: &'a [f32],
     /// The next frames, one after the other.
     pub frames: &'a [u8],
+    /// The goal vectors reached at the next frames; empty where goals are not vectors.
+    pub achieved: &'a [u8],
 }

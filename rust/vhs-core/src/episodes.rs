@@ -11,13 +11,16 @@
 //! never evicted; stored bytes never change.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
-pub use crate::episode::{Episode, EpisodeConfig, Steps};
+pub use crate::config::{Backing, EpisodeConfig, GoalKind, Item};
+pub use crate::episode::{Episode, Opening, Steps};
 use crate::error::{self, Error, Result, check_finite, check_labels, check_shape};
 use crate::goals::class_of;
+use crate::memory::scratch_file;
 use crate::outcome::Outcome;
 use crate::rng::Rng;
-use crate::slab::Slab;
+use crate::slab::{Slab, Source};
 
 /// See the module documentation.
 ///
@@ -26,11 +29,11 @@ use crate::slab::Slab;
 /// use vhs_core::outcome::Outcome;
 /// let mut buffer = EpisodeBuffer::new(EpisodeConfig {
 ///     frame_shape: vec![2], num_streams: 1, max_episode_steps: 20, capacity_steps: 100,
-///     frame_stack: 2, num_goals: 5, num_interactions: 1, first_interaction_action: 3, seed: 0,
+///     frame_stack: 2, num_goals: 5, num_interactions: 1, ..EpisodeConfig::default()
 /// })?;
 /// buffer.begin(0, &[10, 11], 4, 0)?;
 /// let (streams, actions, rewards, values) = (&[0], &[3], &[-1.0], &[0.5]);
-/// buffer.append(Steps { streams, actions, rewards, values, frames: &[20, 21] })?;
+/// buffer.append(Steps { streams, actions, rewards, values, frames: &[20, 21], ..Steps::default() })?;
 /// let id = buffer.finish(0, Outcome::Failure)?;
 /// let batch = buffer.gather(&[id])?;
 /// assert_eq!(batch.observations, [10, 11, 10, 11, 10, 11, 20, 21]); // o_0 repeats frame 0
@@ -38,59 +41,83 @@ use crate::slab::Slab;
 /// ```
 #[derive(Debug)]
 pub struct EpisodeBuffer {
-    config: EpisodeConfig,
-    slab: Slab,
+    pub(crate) config: EpisodeConfig,
+    pub(crate) slab: Slab,
+    /// Goal vectors reached, under the numbers of their frames; empty where goals are not vectors.
+    pub(crate) achieved: Slab,
     /// Slots of the slab that no episode owns.
-    free: Vec<usize>,
-    /// One place a stream; None while it is idle.
-    open: Vec<Option<Episode>>,
+    pub(crate) free: Vec<usize>,
+    /// One place a stream; None while it is idle. Boxed, so that a million idle streams cost little.
+    open: Vec<Option<Box<Episode>>>,
     /// Finished episodes, oldest first.
-    finished: VecDeque<Episode>,
+    pub(crate) finished: VecDeque<Episode>,
+    /// Beside each finished episode, the steps of all that finished before it, evicted ones included: a
+    /// transition is found in this compact list without a walk over the episodes.
+    pub(crate) steps_before: VecDeque<u64>,
+    /// Steps of all episodes that ever finished.
+    pub(crate) finished_steps: u64,
     /// The id that the next finished episode gets.
-    next_id: u64,
+    pub(crate) next_id: u64,
     /// Steps stored, finished and open.
-    steps: usize,
-    rng: Rng,
+    pub(crate) steps: usize,
+    pub(crate) rng: Rng,
 }
 
 impl EpisodeBuffer {
     /// An empty buffer.
     ///
     /// # Errors
-    /// [`Error::Argument`] for a size out of range or sizes whose product no memory can hold.
+    /// [`Error::Argument`] for a size out of range or sizes whose product no memory can hold; [`Error::Io`]
+    /// where the scratch file cannot be made.
     pub fn new(config: EpisodeConfig) -> Result<Self> {
         config.check()?;
-        let slab = Slab::new(config.frame_bytes());
+        // Every step adds a frame, and every episode, of at least one step unless it is open, one more.
+        let most = 2 * config.capacity_steps + config.num_streams;
+        let slab = Slab::new(config.frame_bytes(), most, source(&config.backing)?);
+        let vector_bytes = config.vector_bytes().unwrap_or(1);
         let open = std::iter::repeat_with(|| None)
             .take(config.num_streams)
             .collect();
         let rng = Rng::new(config.seed);
         Ok(Self {
-            config,
             slab,
+            achieved: Slab::new(vector_bytes, most, Source::Memory),
             free: Vec::new(),
             open,
             finished: VecDeque::new(),
+            steps_before: VecDeque::new(),
+            finished_steps: 0,
             next_id: 0,
             steps: 0,
             rng,
+            config,
         })
     }
 
     /// Opens an episode with its first frame, instructed goal class and interaction.
     ///
     /// # Errors
+    /// As [`EpisodeBuffer::begin_with`].
+    pub fn begin(&mut self, stream: i64, frame: &[u8], goal: i64, interaction: i64) -> Result<()> {
+        self.begin_with(
+            stream,
+            Opening {
+                frame,
+                goal,
+                interaction,
+                ..Opening::default()
+            },
+        )
+    }
+
+    /// Opens an episode, of whatever kind of goal.
+    ///
+    /// # Errors
     /// [`Error::Label`], [`Error::Shape`], [`Error::Protocol`] where an episode is open already,
     /// [`Error::Memory`].
-    pub fn begin(&mut self, stream: i64, frame: &[u8], goal: i64, interaction: i64) -> Result<()> {
+    pub fn begin_with(&mut self, stream: i64, opening: Opening<'_>) -> Result<()> {
         let stream = self.stream(stream)?;
-        check_shape("frame", &[self.config.frame_bytes()], &[frame.len()])?;
-        check_labels("goal", &[goal], self.config.num_goals)?;
-        check_labels(
-            "interaction",
-            &[interaction],
-            self.config.num_interactions.max(1),
-        )?;
+        self.check_opening(&opening)?;
         if self.open[stream].is_some() {
             let (expected, found) = ("a stream between episodes", "an open episode");
             return Err(Error::Protocol {
@@ -100,8 +127,13 @@ impl EpisodeBuffer {
                 found,
             });
         }
-        let first = self.store(frame)?;
-        self.open[stream] = Some(Episode::new(goal, interaction, first));
+        self.reserve(1)?;
+        let first = self.store(opening.frame, opening.achieved)?;
+        self.open[stream] = Some(Box::new(Episode::new(
+            &opening,
+            first,
+            self.config.max_episode_steps,
+        )));
         Ok(())
     }
 
@@ -115,19 +147,20 @@ impl EpisodeBuffer {
     pub fn append(&mut self, steps: Steps<'_>) -> Result<()> {
         self.check_steps(&steps)?;
         // Before anything changes: from here on every frame has a slot.
-        self.slab
-            .reserve(steps.streams.len().saturating_sub(self.free.len()))?;
+        self.reserve(steps.streams.len())?;
         self.evict_for(steps.streams.len());
-        for (row, frame) in steps
-            .frames
-            .chunks_exact(self.config.frame_bytes())
-            .enumerate()
-        {
-            let slot = self.store(frame)?;
-            let Some(episode) = &mut self.open[class_of(steps.streams[row])] else {
+        let (frame_bytes, dim) = (self.config.frame_bytes(), self.config.action_dim);
+        let vector_bytes = self.config.vector_bytes().unwrap_or_default();
+        for (row, &stream) in steps.streams.iter().enumerate() {
+            let frame = &steps.frames[row * frame_bytes..][..frame_bytes];
+            let slot = self.store(frame, &steps.achieved[row * vector_bytes..][..vector_bytes])?;
+            let Some(episode) = &mut self.open[class_of(stream)] else {
                 continue;
             };
-            episode.actions.push(steps.actions[row]);
+            if dim == 0 {
+                episode.actions.push(steps.actions[row]);
+            }
+            episode.vectors.extend(&steps.vectors[row * dim..][..dim]);
             episode.rewards.push(steps.rewards[row]);
             episode.values.push(steps.values[row]);
             episode.frames.push(slot);
@@ -137,14 +170,28 @@ impl EpisodeBuffer {
     }
 
     /// Closes the open episode of a stream and returns its id. Its newest frame becomes the final
-    /// observation.
+    /// observation. A timeout counts as cut off, any other outcome as terminated.
+    ///
+    /// # Errors
+    /// As [`EpisodeBuffer::finish_with`].
+    pub fn finish(&mut self, stream: i64, outcome: Outcome) -> Result<i64> {
+        self.finish_with(stream, outcome, outcome != Outcome::Timeout)
+    }
+
+    /// As [`EpisodeBuffer::finish`], for tasks that say apart from the outcome whether the last step ended
+    /// the task or a limit cut it off.
     ///
     /// # Errors
     /// [`Error::Label`], [`Error::Protocol`] where no episode is open or the open one has no step
     /// yet.
-    pub fn finish(&mut self, stream: i64, outcome: Outcome) -> Result<i64> {
+    pub fn finish_with(
+        &mut self,
+        stream: i64,
+        outcome: Outcome,
+        is_terminated: bool,
+    ) -> Result<i64> {
         let stream = self.stream(stream)?;
-        if self.opened("finish", stream)?.actions.is_empty() {
+        if self.opened("finish", stream)?.is_empty() {
             let (expected, found) = (
                 "an open episode with at least one step",
                 "one without a step",
@@ -158,7 +205,10 @@ impl EpisodeBuffer {
         }
         if let Some(mut episode) = self.open[stream].take() {
             episode.outcome = outcome;
-            self.finished.push_back(episode);
+            episode.is_terminated = is_terminated;
+            self.steps_before.push_back(self.finished_steps);
+            self.finished_steps += episode.len() as u64;
+            self.finished.push_back(*episode);
             self.next_id += 1;
         }
         Ok(public_id(self.next_id - 1))
@@ -172,7 +222,7 @@ impl EpisodeBuffer {
         let stream = self.stream(stream)?;
         self.opened("abort", stream)?;
         if let Some(episode) = self.open[stream].take() {
-            self.release(episode);
+            self.release(*episode);
         }
         Ok(())
     }
@@ -192,7 +242,7 @@ impl EpisodeBuffer {
         if id >= self.next_id {
             return Err(unknown);
         }
-        let oldest = self.first_id();
+        let oldest = self.next_id - self.finished.len() as u64;
         let place = id
             .checked_sub(oldest)
             .and_then(|place| usize::try_from(place).ok());
@@ -203,12 +253,12 @@ impl EpisodeBuffer {
 
     /// Ids of the finished episodes that are stored, oldest first.
     pub fn ids(&self) -> impl Iterator<Item = i64> + use<> {
-        (self.first_id()..self.next_id).map(public_id)
+        self.first_id()..public_id(self.next_id)
     }
 
     /// The open episode of each stream, None where it is idle.
     pub fn open_episodes(&self) -> impl Iterator<Item = Option<&Episode>> {
-        self.open.iter().map(Option::as_ref)
+        self.open.iter().map(Option::as_deref)
     }
 
     /// Finished episodes stored.
@@ -232,7 +282,7 @@ impl EpisodeBuffer {
     /// Bytes set aside for frames; grows as the buffer fills.
     #[must_use]
     pub fn allocated_bytes(&self) -> usize {
-        self.slab.allocated_bytes()
+        self.slab.allocated_bytes() + self.achieved.allocated_bytes()
     }
 
     /// What the buffer was built from.
@@ -257,7 +307,7 @@ impl EpisodeBuffer {
     }
 
     pub(crate) fn observation_bytes(&self) -> usize {
-        self.config.frame_stack * self.config.frame_bytes()
+        self.config.observation_bytes()
     }
 
     /// The frames of observation `t` of an episode, oldest first.
@@ -278,7 +328,7 @@ impl EpisodeBuffer {
     /// The open episode of a stream, or the error that the call on an idle stream deserves.
     pub(crate) fn opened(&self, call: &'static str, stream: usize) -> Result<&Episode> {
         let (expected, found) = ("an open episode", "none: `begin` opens one");
-        self.open[stream].as_ref().ok_or(Error::Protocol {
+        self.open[stream].as_deref().ok_or(Error::Protocol {
             call,
             stream,
             expected,
@@ -292,13 +342,17 @@ impl EpisodeBuffer {
         Ok(class_of(stream))
     }
 
-    fn first_id(&self) -> u64 {
-        self.next_id - self.finished.len() as u64
+    /// Id of the oldest finished episode, or the next one to be given where none is stored.
+    pub(crate) fn first_id(&self) -> i64 {
+        public_id(self.next_id - self.finished.len() as u64)
     }
 
     fn check_steps(&self, steps: &Steps<'_>) -> Result<()> {
         let n = steps.streams.len();
-        check_shape("actions", &[n], &[steps.actions.len()])?;
+        let dim = self.config.action_dim;
+        let numbered = if dim == 0 { n } else { 0 };
+        check_shape("actions", &[numbered], &[steps.actions.len()])?;
+        check_shape("actions", &[n * dim], &[steps.vectors.len()])?;
         check_shape("rewards", &[n], &[steps.rewards.len()])?;
         check_shape("values", &[n], &[steps.values.len()])?;
         check_shape(
@@ -306,8 +360,15 @@ impl EpisodeBuffer {
             &[error::product("frames", &[n, self.config.frame_bytes()])?],
             &[steps.frames.len()],
         )?;
+        let vector_bytes = self.config.vector_bytes().unwrap_or_default();
+        check_shape(
+            "achieved_goals",
+            &[n * vector_bytes],
+            &[steps.achieved.len()],
+        )?;
         check_labels("streams", steps.streams, self.open.len())?;
         check_labels("actions", steps.actions, self.config.num_actions())?;
+        check_finite("actions", steps.vectors)?;
         check_finite("rewards", steps.rewards)?;
         check_finite("values", steps.values)?;
         check_distinct(steps.streams)?;
@@ -332,6 +393,7 @@ impl EpisodeBuffer {
             let Some(oldest) = self.finished.pop_front() else {
                 break;
             };
+            self.steps_before.pop_front();
             self.release(oldest);
         }
     }
@@ -342,16 +404,61 @@ impl EpisodeBuffer {
         self.free.extend(episode.frames.into_iter().rev());
     }
 
-    /// Copies a frame into a slot that no episode owns.
-    fn store(&mut self, frame: &[u8]) -> Result<usize> {
+    fn check_opening(&self, opening: &Opening<'_>) -> Result<()> {
+        let config = &self.config;
+        let vector_bytes = config.vector_bytes().unwrap_or_default();
+        check_shape("frame", &[config.frame_bytes()], &[opening.frame.len()])?;
+        check_shape(
+            "desired_goal",
+            &[config.desired_bytes()],
+            &[opening.desired.len()],
+        )?;
+        check_shape("achieved_goal", &[vector_bytes], &[opening.achieved.len()])?;
+        check_labels("goal", &[opening.goal], config.num_goals)?;
+        let interactions = config.num_interactions.max(1);
+        check_labels("interaction", &[opening.interaction], interactions)
+    }
+
+    /// Makes room for `n` more frames and their goal vectors.
+    fn reserve(&mut self, n: usize) -> Result<()> {
+        let beyond = n.saturating_sub(self.free.len());
+        self.slab.reserve(beyond)?;
+        if self.config.vector_bytes().is_some() {
+            self.achieved.reserve(beyond)?;
+        }
+        Ok(())
+    }
+
+    /// Copies a frame, and its goal vector where there is one, into a slot that no episode owns.
+    fn store(&mut self, frame: &[u8], achieved: &[u8]) -> Result<usize> {
         let slot = self.free.pop().unwrap_or(self.slab.len());
         self.slab.put(slot, std::iter::once(frame))?;
+        if !achieved.is_empty() {
+            self.achieved.put(slot, std::iter::once(achieved))?;
+        }
         Ok(slot)
+    }
+}
+
+fn source(backing: &Backing) -> Result<Source> {
+    match backing {
+        Backing::Memory => Ok(Source::Memory),
+        Backing::Scratch(path) => match scratch_file(path) {
+            Ok(file) => Ok(Source::Scratch(Arc::new(file))),
+            Err(source) => Err(Error::Io {
+                path: path.clone(),
+                call: "create",
+                source,
+            }),
+        },
     }
 }
 
 /// Refuses a stream that comes twice: which of its two steps came first would be a guess.
 fn check_distinct(streams: &[i64]) -> Result<()> {
+    if streams.len() < 2 {
+        return Ok(());
+    }
     let mut sorted = streams.to_vec();
     sorted.sort_unstable();
     match sorted.windows(2).find(|pair| pair[0] == pair[1]) {

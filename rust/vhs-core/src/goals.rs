@@ -10,7 +10,7 @@ use crate::error::{self, Error, Result, check_labels, check_range, check_shape};
 use crate::outcome::Outcome;
 use crate::rng::Rng;
 pub use crate::sampling::Balance;
-use crate::slab::Slab;
+use crate::slab::{Slab, Source};
 
 /// The most classes a store or a prototype table can have; a sample walks over all of them.
 pub const MAX_CLASSES: usize = 1 << 20;
@@ -66,7 +66,7 @@ impl GoalStore {
         )?;
         let rings = (0..num_classes)
             .map(|_| Ring {
-                images: Slab::new(image_bytes),
+                images: Slab::new(image_bytes, capacity_per_class, Source::Memory),
                 next: 0,
             })
             .collect();

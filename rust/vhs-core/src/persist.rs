@@ -1,23 +1,30 @@
-//! The goal store as a file: written atomically, read back bit for bit, generator included.
+//! Goal stores and episode buffers as files: written atomically, read back bit for bit, generator included.
 //!
-//! Invariant: a file under the chosen name is always whole, the old one or the new one. The layout
-//! is in `goal_file`.
+//! Invariant: a file under the chosen name is always whole, the old one or the new one. The layouts are in
+//! `goal_file` and `episode_file`.
 
-use std::ffi::OsString;
-use std::fs::{self, File};
-use std::io::Write;
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::path::Path;
 
-use crate::checksum::Checksum;
+use crate::config::Backing;
+use crate::episode_file;
+use crate::episodes::EpisodeBuffer;
 #[cfg(doc)]
 use crate::error::Error;
 use crate::error::Result;
-use crate::goal_file::{Header, Reader, encode, io_error};
+use crate::files::{Reader, replace};
+use crate::goal_file::{self, Header};
 use crate::goals::GoalStore;
 
-/// Bytes read at once, unless one image is larger.
-const READ_BYTES: usize = 1 << 20;
+/// How a file is read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Loading {
+    /// All of it, now, every checksum compared.
+    Read(Backing),
+    /// Images stay in the file until they are asked for, and are not checked: [`GoalStore::verify`] and
+    /// [`EpisodeBuffer::verify`] do that. The file must not be edited in place or cut short meanwhile, which
+    /// `save` never does; new images go to memory, never to the file.
+    Map,
+}
 
 impl GoalStore {
     /// Writes the store to `path`: to a temporary file beside it, synced, then renamed over it.
@@ -41,16 +48,7 @@ impl GoalStore {
     /// # Errors
     /// [`Error::Io`]; the file at `path` is then as it was.
     pub fn save(&self, path: &Path) -> Result<()> {
-        let temporary = temporary_beside(path);
-        let renamed = self.write_to(&temporary).and_then(|()| {
-            let rename = fs::rename(&temporary, path);
-            rename.map_err(|source| io_error(path, "rename a temporary file to", source))
-        });
-        if renamed.is_err() {
-            // The first error is the one to report; a file that stays behind is only litter.
-            let _ = fs::remove_file(&temporary);
-        }
-        renamed.and_then(|()| sync_directory(path))
+        replace(path, |file| goal_file::write(self, file))
     }
 
     /// Reads a store that `save` wrote: contents, order of overwriting and generator.
@@ -62,73 +60,99 @@ impl GoalStore {
         let mut reader = Reader::open(path)?;
         let header = Header::read(&mut reader)?;
         let mut store = header.store(path)?;
-        for (class, &(count, next)) in header.rings.iter().enumerate() {
-            store.fill(class, count, next, &mut reader)?;
+        let record = store.image_bytes();
+        for (ring, &(count, next)) in store.rings.iter_mut().zip(&header.rings) {
+            reader.records(&mut ring.images, record, count)?;
+            ring.next = next;
         }
         reader.expect_checksum("checksum of the images")?;
         Ok(store)
     }
 
-    fn write_to(&self, path: &Path) -> Result<()> {
-        let header = encode(self)?;
-        let failed = |source| io_error(path, "write", source);
-        let mut file = File::create_new(path).map_err(failed)?;
-        file.write_all(&header).map_err(failed)?;
-        let mut checksum = Checksum::new();
-        for piece in self.rings.iter().flat_map(|ring| ring.images.pieces()) {
-            checksum.update(piece);
-            file.write_all(piece).map_err(failed)?;
-        }
-        file.write_all(&checksum.value().to_le_bytes())
-            .map_err(failed)?;
-        file.sync_all()
-            .map_err(|source| io_error(path, "sync", source))
-    }
-
-    fn fill(
-        &mut self,
-        class: usize,
-        count: usize,
-        next: usize,
-        reader: &mut Reader<'_>,
-    ) -> Result<()> {
-        let record = self.image_bytes();
-        let at_once = (READ_BYTES / record).max(1).min(count);
-        let mut buffer = vec![0; at_once * record];
-        let ring = &mut self.rings[class];
-        while ring.images.len() < count {
-            let images = at_once.min(count - ring.images.len());
-            let bytes = &mut buffer[..images * record];
-            reader.read(bytes)?;
-            for image in bytes.chunks_exact(record) {
-                ring.images.put(ring.images.len(), std::iter::once(image))?;
+    /// As [`GoalStore::load`], at once: images are read from the file when they are first drawn, as
+    /// [`Loading::Map`] says.
+    ///
+    /// # Errors
+    /// As [`GoalStore::load`], except that altered images go unnoticed.
+    pub fn map(path: &Path) -> Result<Self> {
+        let mut reader = Reader::open(path)?;
+        let header = Header::read(&mut reader)?;
+        let mut store = header.store(path)?;
+        let (record, capacity) = (store.image_bytes(), store.capacity_per_class());
+        for (ring, &(count, next)) in store.rings.iter_mut().zip(&header.rings) {
+            if record * count < MIN_MAPPED {
+                reader.records(&mut ring.images, record, count)?;
+            } else {
+                ring.images = reader.mapped(record, count, capacity)?;
             }
+            ring.next = next;
         }
-        ring.next = next;
-        Ok(())
+        Ok(store)
+    }
+
+    /// Compares every checksum of a saved store, without keeping anything in memory.
+    ///
+    /// # Errors
+    /// [`Error::Io`] and [`Error::Damaged`].
+    pub fn verify(path: &Path) -> Result<()> {
+        let mut reader = Reader::open(path)?;
+        let header = Header::read(&mut reader)?;
+        let images: usize = header.rings.iter().map(|ring| ring.0).sum();
+        reader.skim(images * header.store(path)?.image_bytes())?;
+        reader.expect_checksum("checksum of the images")
     }
 }
 
-/// A name in the same directory (a rename must not cross file systems) that no other save uses.
-fn temporary_beside(path: &Path) -> PathBuf {
-    static SAVES: AtomicU64 = AtomicU64::new(0);
-    // Relaxed: only the uniqueness of the number matters, not its order with other memory.
-    let number = SAVES.fetch_add(1, Ordering::Relaxed);
-    let mut name = OsString::from(".");
-    name.push(path.file_name().unwrap_or_default());
-    name.push(format!(".{}-{number}.tmp", std::process::id()));
-    path.with_file_name(name)
-}
+/// Smaller classes are read instead of mapped: systems allow a process some 65,000 mappings.
+const MIN_MAPPED: usize = 1 << 16;
 
-/// Makes the rename itself durable. Only Unix can open a directory as a file.
-fn sync_directory(path: &Path) -> Result<()> {
-    if cfg!(unix) {
-        let parent = path
-            .parent()
-            .filter(|parent| !parent.as_os_str().is_empty());
-        let directory = parent.unwrap_or(Path::new("."));
-        let synced = File::open(directory).and_then(|directory| directory.sync_all());
-        synced.map_err(|source| io_error(directory, "sync", source))?;
+impl EpisodeBuffer {
+    /// Writes the finished episodes and the generator to `path`, as [`GoalStore::save`] does.
+    ///
+    /// Open episodes are not part of the file: they belong to environments that are running now. A loaded
+    /// buffer has idle streams.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; the file at `path` is then as it was.
+    pub fn save(&self, path: &Path) -> Result<()> {
+        replace(path, |file| episode_file::write(self, file))
     }
-    Ok(())
+
+    /// Reads a buffer that `save` wrote: episodes, their ids, and the generator.
+    ///
+    /// ```
+    /// use vhs_core::config::Backing;
+    /// use vhs_core::episodes::{EpisodeBuffer, EpisodeConfig, Steps};
+    /// use vhs_core::outcome::Outcome;
+    /// use vhs_core::persist::Loading;
+    /// # let mut buffer = EpisodeBuffer::new(EpisodeConfig {
+    /// #     frame_shape: vec![2], max_episode_steps: 20, capacity_steps: 100, ..EpisodeConfig::default()
+    /// # })?;
+    /// # buffer.begin(0, &[10, 11], 0, 0)?;
+    /// # let (streams, actions, rewards, values) = (&[0], &[2], &[-1.0], &[0.5]);
+    /// # buffer.append(Steps { streams, actions, rewards, values, frames: &[20, 21], ..Steps::default() })?;
+    /// # buffer.finish(0, Outcome::Failure)?;
+    /// let path = std::env::temp_dir().join("documented.episodes");
+    /// buffer.save(&path)?;
+    /// let mut loaded = EpisodeBuffer::load(&path, Loading::Read(Backing::Memory))?;
+    /// assert_eq!(loaded.sample(4, None)?, buffer.sample(4, None)?);
+    /// # std::fs::remove_file(&path).expect("our own file");
+    /// # Ok::<(), vhs_core::error::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Memory`], and [`Error::Damaged`] for a file of another kind or
+    /// version, cut short or altered.
+    #[expect(clippy::needless_pass_by_value, reason = "a choice, made in the call")]
+    pub fn load(path: &Path, loading: Loading) -> Result<Self> {
+        episode_file::read(path, &loading)
+    }
+
+    /// Compares every checksum of a saved buffer, without keeping frames in memory.
+    ///
+    /// # Errors
+    /// [`Error::Io`] and [`Error::Damaged`].
+    pub fn verify(path: &Path) -> Result<()> {
+        episode_file::verify(path)
+    }
 }

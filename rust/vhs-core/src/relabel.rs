@@ -93,11 +93,13 @@ impl Rule {
     }
 
     fn interaction(&self, episode: &EpisodeEnd, selected: bool) -> i64 {
-        let done = episode.last_action - self.first_interaction_action;
-        if selected && done >= 0 {
-            done
-        } else {
-            episode.interaction
-        }
+        let done = done_interaction(episode.last_action, self.first_interaction_action);
+        done.filter(|_| selected).unwrap_or(episode.interaction)
     }
+}
+
+/// The interaction that an action does; None where it is a move.
+pub(crate) fn done_interaction(action: i64, first_interaction_action: i64) -> Option<i64> {
+    let done = action - first_interaction_action;
+    (done >= 0).then_some(done)
 }

@@ -6,6 +6,7 @@
 
 use crate::error::{self, Error, Result, check_labels, check_range, check_shape};
 use crate::goals::{GoalStore, class_of, label_of};
+use crate::pool::Bytes;
 use crate::slab::copy_parts;
 
 /// How [`GoalStore::sample`] spreads its draws over the classes.
@@ -29,12 +30,10 @@ impl GoalStore {
     ///
     /// # Errors
     /// [`Error::Empty`] where the store is, [`Error::Argument`] for `n = 0`, [`Error::Memory`].
-    pub fn sample(&mut self, n: usize, balance: Balance) -> Result<(Vec<u8>, Vec<i64>)> {
+    pub fn sample(&mut self, n: usize, balance: Balance) -> Result<(Bytes, Vec<i64>)> {
         let mut images = self.room_for(n)?;
         let picks = self.draw(n, balance)?;
-        for &pick in &picks {
-            images.extend_from_slice(self.image(pick));
-        }
+        copy_parts(picks.iter().map(|&pick| self.image(pick)), &mut images);
         Ok((
             images,
             picks.iter().map(|pick| label_of(pick.class)).collect(),
@@ -57,12 +56,10 @@ impl GoalStore {
     /// # Errors
     /// [`Error::Label`], [`Error::Empty`] where the class is, [`Error::Argument`] for `n = 0`,
     /// [`Error::Memory`].
-    pub fn sample_class(&mut self, label: i64, n: usize) -> Result<Vec<u8>> {
+    pub fn sample_class(&mut self, label: i64, n: usize) -> Result<Bytes> {
         let mut images = self.room_for(n)?;
         let picks = self.draw_class(label, n)?;
-        for &pick in &picks {
-            images.extend_from_slice(self.image(pick));
-        }
+        copy_parts(picks.iter().map(|&pick| self.image(pick)), &mut images);
         Ok(images)
     }
 
@@ -83,8 +80,8 @@ impl GoalStore {
 
     /// Memory for `n` images. Comes before any draw, so that a refused size leaves the generator
     /// where it was.
-    fn room_for(&self, n: usize) -> Result<Vec<u8>> {
-        error::with_room("sample", error::product("n", &[n, self.image_bytes()])?)
+    fn room_for(&self, n: usize) -> Result<Bytes> {
+        Bytes::take("sample", error::product("n", &[n, self.image_bytes()])?)
     }
 
     fn check_out(&self, n: usize, out: &[u8]) -> Result<()> {

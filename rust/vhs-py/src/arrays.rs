@@ -111,18 +111,6 @@ pub(crate) fn exclusive<'py, T: Element>(
     borrow_mut(&out)
 }
 
-/// As `exclusive`, for an `out` that may have more rows than needed: only the shape of a row is
-/// checked.
-pub(crate) fn exclusive_rows<'py, T: Element>(
-    argument: &Bound<'py, PyAny>,
-    row: &[usize],
-) -> PyResult<PyReadwriteArrayDyn<'py, T>> {
-    let out = out_array(argument)?;
-    let rows = out.shape().first().copied().unwrap_or_default();
-    check_shape("out", &[&[rows], row].concat(), out.shape()).map_err(to_py)?;
-    borrow_mut(&out)
-}
-
 /// Hands a vector to numpy as an array of this shape, without a copy.
 pub(crate) fn into_array<'py, T: Element>(
     py: Python<'py>,
@@ -239,7 +227,8 @@ fn converted<'py, T: Element>(
     readonly(field, cast.cast::<PyArrayDyn<T>>()?)
 }
 
-fn as_array<'py>(
+/// Any argument as some array.
+pub(crate) fn as_array<'py>(
     field: &'static str,
     argument: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyUntypedArray>> {
@@ -256,7 +245,8 @@ fn as_array<'py>(
     array.ok_or_else(|| dtype(field, "an array", &type_name(argument)))
 }
 
-fn readonly<'py, T: Element>(
+/// A borrow of an array, copied first where it is not contiguous.
+pub(crate) fn readonly<'py, T: Element>(
     field: &'static str,
     array: &Bound<'py, PyArrayDyn<T>>,
 ) -> PyResult<PyReadonlyArrayDyn<'py, T>> {
@@ -283,7 +273,8 @@ fn out_array<'py, T: Element>(argument: &Bound<'py, PyAny>) -> PyResult<Bound<'p
         .map_err(|_| dtype("out", &expected(), &array.dtype().to_string()))
 }
 
-fn borrow_mut<'py, T: Element>(
+/// A borrow of an array to be written in place.
+pub(crate) fn borrow_mut<'py, T: Element>(
     out: &Bound<'py, PyArrayDyn<T>>,
 ) -> PyResult<PyReadwriteArrayDyn<'py, T>> {
     if !out.is_c_contiguous() {

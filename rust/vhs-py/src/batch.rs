@@ -3,16 +3,18 @@
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use vhs_core::batch::BatchIndex;
+use vhs_core::config::EpisodeConfig;
 use vhs_core::relabel::EpisodeEnd;
 
 use crate::arrays::into_array;
 use crate::relabel::Hindsight;
+use crate::transitions::actions;
 
 /// Whole episodes as arrays; see the stub for its documentation.
 #[pyclass(frozen, module = "vhs._core")]
 pub(crate) struct EpisodeBatch {
     #[pyo3(get)]
-    observations: Py<PyAny>,
+    observations: Option<Py<PyAny>>,
     #[pyo3(get)]
     ids: Py<PyArrayDyn<i64>>,
     #[pyo3(get)]
@@ -20,7 +22,13 @@ pub(crate) struct EpisodeBatch {
     #[pyo3(get)]
     lengths: Py<PyArrayDyn<i64>>,
     #[pyo3(get)]
-    actions: Py<PyArrayDyn<i64>>,
+    desired_goals: Option<Py<PyAny>>,
+    #[pyo3(get)]
+    achieved_goals: Option<Py<PyAny>>,
+    #[pyo3(get)]
+    terminated: Py<PyArrayDyn<bool>>,
+    #[pyo3(get)]
+    actions: Py<PyAny>,
     #[pyo3(get)]
     rewards: Py<PyArrayDyn<f32>>,
     #[pyo3(get)]
@@ -42,23 +50,30 @@ pub(crate) struct EpisodeBatch {
 }
 
 impl EpisodeBatch {
+    /// `large` are the observations, the goals told and those reached; a goal that the buffer does not have
+    /// is None.
     pub(crate) fn from_core(
-        observations: Bound<'_, PyAny>,
+        py: Python<'_>,
+        large: [Option<Bound<'_, PyAny>>; 3],
         index: BatchIndex,
         hindsight: Option<vhs_core::relabel::Hindsight>,
-        first_interaction_action: i64,
+        config: &EpisodeConfig,
     ) -> PyResult<Self> {
-        let py = observations.py();
         let (episodes, steps) = ([index.ids.len()], [index.ids.len(), index.longest]);
         let hindsight = hindsight
             .map(|hindsight| Py::new(py, Hindsight::from_core(py, hindsight)?))
             .transpose()?;
+        let [observations, desired_goals, achieved_goals] =
+            large.map(|part| part.map(Bound::unbind));
         Ok(Self {
-            observations: observations.unbind(),
+            observations,
+            desired_goals,
+            achieved_goals,
+            terminated: into_array(py, index.terminated, &episodes)?.unbind(),
             ids: into_array(py, index.ids, &episodes)?.unbind(),
             offsets: into_array(py, index.offsets, &episodes)?.unbind(),
             lengths: into_array(py, index.lengths, &episodes)?.unbind(),
-            actions: into_array(py, index.actions, &steps)?.unbind(),
+            actions: actions(py, index.actions, index.vectors, &steps, config.action_dim)?,
             rewards: into_array(py, index.rewards, &steps)?.unbind(),
             values: into_array(py, index.values, &steps)?.unbind(),
             mask: into_array(py, index.mask, &steps)?.unbind(),
@@ -67,7 +82,8 @@ impl EpisodeBatch {
             outcomes: into_array(py, index.outcomes, &episodes)?.unbind(),
             hindsight,
             ends: index.ends,
-            first_interaction_action,
+            first_interaction_action: i64::try_from(config.first_interaction_action)
+                .unwrap_or(i64::MAX),
         })
     }
 }

@@ -1,80 +1,155 @@
 //! `vhs.EpisodeBuffer`.
 
-use std::sync::{Mutex, PoisonError};
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError, RwLock};
 
 use numpy::{PyArrayDyn, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PySlice, PyTuple};
-use vhs_core::batch::Batch;
-use vhs_core::episodes::{self as core, EpisodeConfig, Steps};
-use vhs_core::error::{Result, check_shape};
-use vhs_core::relabel::Hindsight;
+use pyo3::types::{PyDict, PyString, PyTuple};
+use vhs_core::batch::Layout;
+use vhs_core::episodes::{self as core, Backing, EpisodeConfig, GoalKind, Item, Opening, Steps};
+use vhs_core::error::{Error, Result, check_shape};
+use vhs_core::persist::Loading;
+use vhs_core::rng::Rng;
+use vhs_core::windows::WindowShape;
 
 use crate::arrays::{
-    check_vector, checked, detached, exact, exclusive_rows, filled, integer, integer_vec, integers,
-    into_array, reals, rng_from_state, rows, seed, shape, size, slice,
+    check_vector, checked, integer, integer_vec, integers, into_array, reals, rng_from_state, rows,
+    seed, shape, size, slice,
 };
 use crate::batch::EpisodeBatch;
+use crate::bytes::{bytes_of, filled_bytes, item, item_name};
+use crate::error::to_py;
+use crate::hindsight::{Reward, hindsight_rule};
 use crate::relabel::{outcome, rule};
+use crate::sampling::{goal_array, observation};
+use crate::transitions::{TransitionBatch, WindowBatch};
+
+/// Frames of at most so many bytes are copied without giving the interpreter away: some microseconds.
+const BRIEF: usize = 1 << 16;
 
 /// Episodes of many environments at once; see the stub for its documentation.
+///
+/// Readers work side by side; whoever writes works alone. The generator has a lock of its own, held for a
+/// moment, and always taken last.
 #[pyclass(frozen, module = "vhs._core")]
 pub(crate) struct EpisodeBuffer {
-    inner: Mutex<core::EpisodeBuffer>,
+    inner: RwLock<core::EpisodeBuffer>,
+    pub(crate) rng: Mutex<Rng>,
     /// What the buffer was built from: fixed, so reading it needs no lock.
     config: EpisodeConfig,
+}
+
+impl From<core::EpisodeBuffer> for EpisodeBuffer {
+    fn from(mut buffer: core::EpisodeBuffer) -> Self {
+        Self {
+            config: buffer.config().clone(),
+            rng: Mutex::new(buffer.rng_mut().clone()),
+            inner: RwLock::new(buffer),
+        }
+    }
 }
 
 impl EpisodeBuffer {
     /// Runs `work` on the core buffer, for callers that have released the interpreter already.
     pub(crate) fn with_core<R>(&self, work: impl FnOnce(&core::EpisodeBuffer) -> R) -> R {
-        work(&self.inner.lock().unwrap_or_else(PoisonError::into_inner))
+        // A poisoned lock only says that some call panicked; the next call's own checks are what counts.
+        work(&self.inner.read().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Shape of one stacked observation.
-    fn row(&self) -> Vec<usize> {
-        rows(self.config.frame_stack, &self.config.frame_shape)
+    pub(crate) const fn config(&self) -> &EpisodeConfig {
+        &self.config
     }
 
-    /// A call of the core, with the interpreter released.
-    fn run<R: Send>(
+    /// As `with_core`, with the interpreter released first.
+    fn with_buffer<R: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&core::EpisodeBuffer) -> R + Send,
+    ) -> R {
+        py.detach(|| self.with_core(work))
+    }
+
+    /// A call of the core that only reads, with the interpreter released.
+    pub(crate) fn read<R: Send>(
+        &self,
+        py: Python<'_>,
+        call: impl FnOnce(&core::EpisodeBuffer) -> Result<R> + Send,
+    ) -> PyResult<R> {
+        checked(self.with_buffer(py, call))
+    }
+
+    /// A call of the core that writes, with the interpreter released.
+    fn write<R: Send>(
         &self,
         py: Python<'_>,
         call: impl FnOnce(&mut core::EpisodeBuffer) -> Result<R> + Send,
     ) -> PyResult<R> {
-        checked(detached(py, &self.inner, call))
+        checked(py.detach(|| call(&mut self.inner.write().unwrap_or_else(PoisonError::into_inner))))
     }
 
-    /// A batch of the core as arrays.
-    fn batch(
+    /// As `write`, for calls that copy a frame or less: where nobody else uses the buffer, giving the interpreter
+    /// away and taking it back would cost more than it frees. Nobody waits for a lock with it in hand.
+    fn write_briefly<R: Send>(
         &self,
         py: Python<'_>,
-        batch: Batch,
-        hindsight: Option<Hindsight>,
-    ) -> PyResult<EpisodeBatch> {
-        let shape = rows(batch.index.rows, &self.row());
-        let observations = into_array(py, batch.observations, &shape)?.into_any();
-        EpisodeBatch::from_core(
-            observations,
-            batch.index,
-            hindsight,
-            self.first_interaction_action(),
-        )
+        call: impl FnOnce(&mut core::EpisodeBuffer) -> Result<R> + Send,
+    ) -> PyResult<R> {
+        if self.config.frame_bytes() <= BRIEF
+            && let Ok(mut buffer) = self.inner.try_write()
+        {
+            return checked(call(&mut buffer));
+        }
+        self.write(py, call)
     }
 
-    fn first_interaction_action(&self) -> i64 {
-        i64::try_from(self.config.first_interaction_action).unwrap_or(i64::MAX)
+    /// Frames as bytes: `count` of them, or one without a leading dimension.
+    fn frames<'py>(
+        &self,
+        field: &'static str,
+        frames: &Bound<'py, PyAny>,
+        count: &[usize],
+    ) -> PyResult<PyReadonlyArrayDyn<'py, u8>> {
+        let item = self.config.frame_item;
+        match count {
+            // One frame a step is the usual way: it costs no allocation.
+            [] => bytes_of(field, frames, item, &self.config.frame_shape),
+            _ => bytes_of(
+                field,
+                frames,
+                item,
+                &[count, &self.config.frame_shape].concat(),
+            ),
+        }
     }
 
-    /// A frame argument, checked.
-    fn frame<'py>(&self, frame: &Bound<'py, PyAny>) -> PyResult<PyReadonlyArrayDyn<'py, u8>> {
-        let frame = exact::<u8>("frame", frame)?;
+    /// Goals as bytes; None where none was given.
+    fn goals_as_bytes<'py>(
+        &self,
+        field: &'static str,
+        goals: Option<&Bound<'py, PyAny>>,
+        count: &[usize],
+    ) -> PyResult<Option<PyReadonlyArrayDyn<'py, u8>>> {
+        let Some(goals) = goals else {
+            return Ok(None);
+        };
+        let (goal, item) = goal_array(&self.config);
+        bytes_of(field, goals, item, &[count, &goal].concat()).map(Some)
+    }
+
+    /// Actions of `count` steps: numbers, or vectors.
+    fn actions<'py>(&self, actions: &Bound<'py, PyAny>, count: &[usize]) -> PyResult<Actions<'py>> {
+        let dim = self.config.action_dim;
+        if dim == 0 {
+            return integers("actions", actions).map(Actions::Numbered);
+        }
+        let vectors = reals("actions", actions)?;
         checked(check_shape(
-            "frame",
-            &self.config.frame_shape,
-            frame.shape(),
+            "actions",
+            &[count, &[dim]].concat(),
+            vectors.shape(),
         ))?;
-        Ok(frame)
+        Ok(Actions::Continuous(vectors))
     }
 
     /// The streams of an argument; None means all.
@@ -84,13 +159,88 @@ impl EpisodeBuffer {
     }
 }
 
+/// The actions of a step or several.
+enum Actions<'py> {
+    Number([i64; 1]),
+    Numbered(PyReadonlyArrayDyn<'py, i64>),
+    Continuous(PyReadonlyArrayDyn<'py, f32>),
+}
+
+impl Actions<'_> {
+    fn parts(&self) -> (&[i64], &[f32]) {
+        match self {
+            Self::Number(number) => (number, &[]),
+            Self::Numbered(numbers) => (slice(numbers), &[]),
+            Self::Continuous(vectors) => (&[], slice(vectors)),
+        }
+    }
+}
+
+/// The bytes of goals that may be missing.
+fn goal_bytes<'a>(goals: Option<&'a PyReadonlyArrayDyn<'_, u8>>) -> &'a [u8] {
+    goals.map_or(&[], |goals| slice(goals))
+}
+
+/// What goals are, from the arguments of the constructor.
+fn goal_kind(
+    goals: &str,
+    goal_shape: Option<&Bound<'_, PyAny>>,
+    goal_dtype: Option<&Bound<'_, PyAny>>,
+) -> PyResult<GoalKind> {
+    let given = goal_shape.is_some() || goal_dtype.is_some();
+    match goals {
+        "labels" if !given => Ok(GoalKind::Labels),
+        "observations" if !given => Ok(GoalKind::Observations),
+        "vectors" if goal_shape.is_some() => Ok(GoalKind::Vectors {
+            shape: goal_shape.map_or(Ok(Vec::new()), |sizes| shape("goal_shape", sizes))?,
+            item: goal_dtype.map_or(Ok(Item::F32), |dtype| item("goal_dtype", dtype))?,
+        }),
+        "labels" | "observations" | "vectors" => Err(to_py(Error::Argument {
+            field: "goal_shape",
+            expected: "a shape where goals are \"vectors\", and only there".into(),
+            got: format!("goals=\"{goals}\""),
+        })),
+        _ => Err(to_py(Error::Argument {
+            field: "goals",
+            expected: "\"labels\", \"observations\", \"vectors\"".into(),
+            got: format!("\"{goals}\""),
+        })),
+    }
+}
+
+/// Memory, or the scratch file at a path.
+fn backing(argument: Option<&Bound<'_, PyAny>>) -> PyResult<Backing> {
+    let Some(argument) = argument else {
+        return Ok(Backing::Memory);
+    };
+    if let Ok(word) = argument.cast::<PyString>()
+        && word.to_cow()? == "memory"
+    {
+        return Ok(Backing::Memory);
+    }
+    Ok(Backing::Scratch(argument.extract::<PathBuf>()?))
+}
+
+/// One dense rectangle, or one episode after the other.
+const fn layout(padded: bool) -> Layout {
+    if padded {
+        Layout::Padded
+    } else {
+        Layout::Packed
+    }
+}
+
 #[pymethods]
 impl EpisodeBuffer {
     #[new]
-    #[pyo3(signature = (frame_shape, *, num_streams, max_episode_steps, capacity_steps, frame_stack=None, num_goals,
-                        num_interactions, first_interaction_action=None, seed=None),
+    #[pyo3(signature = (frame_shape, *, num_streams, max_episode_steps, capacity_steps, frame_stack=None,
+                        num_goals=None, num_interactions=None, first_interaction_action=None, dtype=None,
+                        goals="labels", goal_shape=None, goal_dtype=None, action_dim=None, backing=None,
+                        seed=None),
            text_signature = "(frame_shape, *, num_streams, max_episode_steps, capacity_steps, frame_stack=2, \
-                             num_goals, num_interactions, first_interaction_action=3, seed=0)")]
+                             num_goals=1, num_interactions=0, first_interaction_action=3, dtype='uint8', \
+                             goals='labels', goal_shape=None, goal_dtype=None, action_dim=0, \
+                             backing='memory', seed=0)")]
     #[expect(
         clippy::too_many_arguments,
         reason = "keyword arguments in Python; one struct from here on"
@@ -101,43 +251,69 @@ impl EpisodeBuffer {
         max_episode_steps: &Bound<'_, PyAny>,
         capacity_steps: &Bound<'_, PyAny>,
         frame_stack: Option<&Bound<'_, PyAny>>,
-        num_goals: &Bound<'_, PyAny>,
-        num_interactions: &Bound<'_, PyAny>,
+        num_goals: Option<&Bound<'_, PyAny>>,
+        num_interactions: Option<&Bound<'_, PyAny>>,
         first_interaction_action: Option<&Bound<'_, PyAny>>,
+        dtype: Option<&Bound<'_, PyAny>>,
+        goals: &str,
+        goal_shape: Option<&Bound<'_, PyAny>>,
+        goal_dtype: Option<&Bound<'_, PyAny>>,
+        action_dim: Option<&Bound<'_, PyAny>>,
+        backing: Option<&Bound<'_, PyAny>>,
         seed: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
+        let or = |default: usize, field, argument: Option<&Bound<'_, PyAny>>| {
+            argument.map_or(Ok(default), |argument| size(field, argument))
+        };
         let config = EpisodeConfig {
             frame_shape: shape("frame_shape", frame_shape)?,
+            frame_item: dtype.map_or(Ok(Item::U8), |dtype| item("dtype", dtype))?,
             num_streams: size("num_streams", num_streams)?,
             max_episode_steps: size("max_episode_steps", max_episode_steps)?,
             capacity_steps: size("capacity_steps", capacity_steps)?,
-            frame_stack: frame_stack.map_or(Ok(2), |stack| size("frame_stack", stack))?,
-            num_goals: size("num_goals", num_goals)?,
-            num_interactions: size("num_interactions", num_interactions)?,
-            first_interaction_action: first_interaction_action
-                .map_or(Ok(3), |action| size("first_interaction_action", action))?,
+            frame_stack: or(2, "frame_stack", frame_stack)?,
+            goal_kind: goal_kind(goals, goal_shape, goal_dtype)?,
+            num_goals: or(1, "num_goals", num_goals)?,
+            num_interactions: or(0, "num_interactions", num_interactions)?,
+            first_interaction_action: or(3, "first_interaction_action", first_interaction_action)?,
+            action_dim: or(0, "action_dim", action_dim)?,
             seed: seed.map_or(Ok(0), self::seed)?,
+            backing: self::backing(backing)?,
         };
-        Ok(Self {
-            inner: Mutex::new(checked(core::EpisodeBuffer::new(config.clone()))?),
-            config,
-        })
+        checked(core::EpisodeBuffer::new(config)).map(Self::from)
     }
 
+    #[pyo3(signature = (stream, frame, goal=None, interaction=None, *, desired_goal=None, achieved_goal=None),
+           text_signature = "($self, stream, frame, goal=0, interaction=0, *, desired_goal=None, achieved_goal=None)")]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn begin(
         &self,
         py: Python<'_>,
         stream: &Bound<'_, PyAny>,
         frame: &Bound<'_, PyAny>,
-        goal: &Bound<'_, PyAny>,
-        interaction: &Bound<'_, PyAny>,
+        goal: Option<&Bound<'_, PyAny>>,
+        interaction: Option<&Bound<'_, PyAny>>,
+        desired_goal: Option<&Bound<'_, PyAny>>,
+        achieved_goal: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
-        let (stream, frame) = (integer("stream", stream)?, self.frame(frame)?);
-        let (goal, interaction) = (integer("goal", goal)?, integer("interaction", interaction)?);
-        let frame = slice(&frame);
-        self.run(py, |buffer| buffer.begin(stream, frame, goal, interaction))
+        let (stream, frame) = (
+            integer("stream", stream)?,
+            self.frames("frame", frame, &[])?,
+        );
+        let desired = self.goals_as_bytes("desired_goal", desired_goal, &[])?;
+        let achieved = self.goals_as_bytes("achieved_goal", achieved_goal, &[])?;
+        let opening = Opening {
+            frame: slice(&frame),
+            goal: goal.map_or(Ok(0), |goal| integer("goal", goal))?,
+            interaction: interaction.map_or(Ok(0), |number| integer("interaction", number))?,
+            desired: goal_bytes(desired.as_ref()),
+            achieved: goal_bytes(achieved.as_ref()),
+        };
+        self.write_briefly(py, |buffer| buffer.begin_with(stream, opening))
     }
 
+    #[pyo3(signature = (stream, action, reward, value, frame, *, achieved_goal=None))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn append(
         &self,
         py: Python<'_>,
@@ -146,20 +322,30 @@ impl EpisodeBuffer {
         reward: f32,
         value: f32,
         frame: &Bound<'_, PyAny>,
+        achieved_goal: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
-        let (stream, action) = (integer("stream", stream)?, integer("action", action)?);
-        let frame = self.frame(frame)?;
-        let (streams, actions, rewards, values) = (&[stream], &[action], &[reward], &[value]);
-        let steps = Steps {
-            streams,
-            actions,
-            rewards,
-            values,
-            frames: slice(&frame),
+        let stream = integer("stream", stream)?;
+        let action = match self.config.action_dim {
+            0 => Actions::Number([integer("action", action)?]),
+            _ => self.actions(action, &[])?,
         };
-        self.run(py, |buffer| buffer.append(steps))
+        let frame = self.frames("frame", frame, &[])?;
+        let achieved = self.goals_as_bytes("achieved_goal", achieved_goal, &[])?;
+        let (actions, vectors) = action.parts();
+        let steps = Steps {
+            streams: &[stream],
+            actions,
+            vectors,
+            rewards: &[reward],
+            values: &[value],
+            frames: slice(&frame),
+            achieved: goal_bytes(achieved.as_ref()),
+        };
+        self.write_briefly(py, |buffer| buffer.append(steps))
     }
 
+    #[pyo3(signature = (streams, actions, rewards, values, frames, *, achieved_goals=None))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn append_batch(
         &self,
         py: Python<'_>,
@@ -168,38 +354,48 @@ impl EpisodeBuffer {
         rewards: &Bound<'_, PyAny>,
         values: &Bound<'_, PyAny>,
         frames: &Bound<'_, PyAny>,
+        achieved_goals: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
-        let (streams, actions) = (integers("streams", streams)?, integers("actions", actions)?);
+        let streams = integers("streams", streams)?;
+        let n = [streams.len()];
+        let actions = self.actions(actions, &n)?;
         let (rewards, values) = (reals("rewards", rewards)?, reals("values", values)?);
-        let frames = exact::<u8>("frames", frames)?;
         // The core compares the lengths; it cannot see whether an array has more dimensions.
         check_vector("rewards", rewards.shape())?;
         check_vector("values", values.shape())?;
-        let batch = rows(streams.len(), &self.config.frame_shape);
-        checked(check_shape("frames", &batch, frames.shape()))?;
+        let frames = self.frames("frames", frames, &n)?;
+        let achieved = self.goals_as_bytes("achieved_goals", achieved_goals, &n)?;
+        let (actions, vectors) = actions.parts();
         let steps = Steps {
             streams: slice(&streams),
-            actions: slice(&actions),
+            actions,
+            vectors,
             rewards: slice(&rewards),
             values: slice(&values),
             frames: slice(&frames),
+            achieved: goal_bytes(achieved.as_ref()),
         };
-        self.run(py, |buffer| buffer.append(steps))
+        self.write(py, |buffer| buffer.append(steps))
     }
 
+    #[pyo3(signature = (stream, outcome, terminated=None))]
     fn finish(
         &self,
         py: Python<'_>,
         stream: &Bound<'_, PyAny>,
         outcome: &Bound<'_, PyAny>,
+        terminated: Option<bool>,
     ) -> PyResult<i64> {
         let (stream, outcome) = (integer("stream", stream)?, self::outcome(outcome)?);
-        self.run(py, |buffer| buffer.finish(stream, outcome))
+        self.write_briefly(py, |buffer| match terminated {
+            None => buffer.finish(stream, outcome),
+            Some(terminated) => buffer.finish_with(stream, outcome, terminated),
+        })
     }
 
     fn abort(&self, py: Python<'_>, stream: &Bound<'_, PyAny>) -> PyResult<()> {
         let stream = integer("stream", stream)?;
-        self.run(py, |buffer| buffer.abort(stream))
+        self.write(py, |buffer| buffer.abort(stream))
     }
 
     #[pyo3(signature = (streams=None, *, out=None))]
@@ -210,30 +406,25 @@ impl EpisodeBuffer {
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let streams = self.all_streams(streams)?;
-        let fresh = || self.run(py, |buffer| Ok((buffer.observe(&streams)?, ())));
-        let into = |out: &mut [u8]| self.run(py, |buffer| buffer.observe_into(&streams, out));
-        Ok(filled(py, out, &rows(streams.len(), &self.row()), fresh, into)?.0)
+        let fresh = || self.read(py, |buffer| Ok((buffer.observe(&streams)?, ())));
+        let into = |out: &mut [u8]| self.read(py, |buffer| buffer.observe_into(&streams, out));
+        let shape = rows(streams.len(), &observation(&self.config));
+        Ok(filled_bytes(py, out, self.config.frame_item, &shape, fresh, into)?.0)
     }
 
-    #[pyo3(signature = (ids, *, out=None))]
+    #[pyo3(signature = (ids, *, padded=false, out=None))]
     fn gather<'py>(
         &self,
         py: Python<'py>,
         ids: &Bound<'py, PyAny>,
+        padded: bool,
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<EpisodeBatch> {
-        let ids = integer_vec("ids", ids)?;
-        let Some(out) = out else {
-            return self.batch(py, self.run(py, |buffer| buffer.gather(&ids))?, None);
-        };
-        let mut room = exclusive_rows::<u8>(out, &self.row())?;
-        let room = room.as_slice_mut()?;
-        let index = self.run(py, |buffer| buffer.gather_into(&ids, room))?;
-        let used = out.get_item(PySlice::new(py, 0, isize::try_from(index.rows)?, 1))?;
-        EpisodeBatch::from_core(used, index, None, self.first_interaction_action())
+        self.gather_batch(py, &integer_vec("ids", ids)?, out, layout(padded))
     }
 
-    #[pyo3(signature = (n, relabel=None, probability=1.0, on=None))]
+    #[pyo3(signature = (n, relabel=None, probability=1.0, on=None, *, padded=false, out=None))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn sample_episodes(
         &self,
         py: Python<'_>,
@@ -241,38 +432,129 @@ impl EpisodeBuffer {
         relabel: Option<&str>,
         probability: f64,
         on: Option<&Bound<'_, PyAny>>,
+        padded: bool,
+        out: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<EpisodeBatch> {
-        let (n, first) = (size("n", n)?, self.first_interaction_action());
-        let rule = relabel
-            .map(|strategy| rule(strategy, on, probability, first))
-            .transpose()?;
-        let (batch, hindsight) = self.run(py, |buffer| buffer.sample(n, rule.as_ref()))?;
-        self.batch(py, batch, hindsight)
+        let first = i64::try_from(self.config.first_interaction_action).unwrap_or(i64::MAX);
+        let rule = relabel.map(|strategy| rule(strategy, on, probability, first));
+        let rule = rule.transpose()?;
+        self.sample_batch(py, size("n", n)?, rule.as_ref(), layout(padded), out)
+    }
+
+    #[pyo3(signature = (n, relabel=None, *, probability=None, ratio=None, on=None, reward=None, out=None))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
+    fn sample_transitions(
+        &self,
+        py: Python<'_>,
+        n: &Bound<'_, PyAny>,
+        relabel: Option<&str>,
+        probability: Option<f64>,
+        ratio: Option<&Bound<'_, PyAny>>,
+        on: Option<&Bound<'_, PyAny>>,
+        reward: Option<&Bound<'_, PyAny>>,
+        out: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<TransitionBatch> {
+        let rule = hindsight_rule(relabel, probability, ratio, on)?;
+        let reward = Reward::from_argument(reward)?;
+        self.transitions(py, size("n", n)?, rule.as_ref(), &reward, out)
+    }
+
+    #[pyo3(signature = (n, length, burn_in=None, relabel=None, *, probability=None, ratio=None, on=None,
+                        reward=None, out=None),
+           text_signature = "($self, n, length, burn_in=0, relabel=None, *, probability=None, ratio=None, \
+                             on=None, reward=None, out=None)")]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
+    fn sample_windows(
+        &self,
+        py: Python<'_>,
+        n: &Bound<'_, PyAny>,
+        length: &Bound<'_, PyAny>,
+        burn_in: Option<&Bound<'_, PyAny>>,
+        relabel: Option<&str>,
+        probability: Option<f64>,
+        ratio: Option<&Bound<'_, PyAny>>,
+        on: Option<&Bound<'_, PyAny>>,
+        reward: Option<&Bound<'_, PyAny>>,
+        out: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<WindowBatch> {
+        let rule = hindsight_rule(relabel, probability, ratio, on)?;
+        let reward = Reward::from_argument(reward)?;
+        let window = WindowShape {
+            length: size("length", length)?,
+            burn_in: burn_in.map_or(Ok(0), |burn_in| size("burn_in", burn_in))?,
+        };
+        self.windows(py, size("n", n)?, window, rule.as_ref(), &reward, out)
+    }
+
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "made from a Python path for this call"
+    )]
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        self.write(py, |buffer| {
+            *buffer.rng_mut() = self.shared_rng().clone();
+            buffer.save(&path)
+        })
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (path, *, mmap=false, backing=None),
+           text_signature = "(path, *, mmap=False, backing='memory')")]
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "made from a Python path for this call"
+    )]
+    fn load(
+        py: Python<'_>,
+        path: PathBuf,
+        mmap: bool,
+        backing: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let loading = match (mmap, self::backing(backing)?) {
+            (true, Backing::Memory) => Loading::Map,
+            (false, backing) => Loading::Read(backing),
+            (true, _) => {
+                return Err(to_py(Error::Argument {
+                    field: "backing",
+                    expected: "\"memory\" where mmap is true".into(),
+                    got: "a file".into(),
+                }));
+            }
+        };
+        checked(py.detach(|| core::EpisodeBuffer::load(&path, loading))).map(Self::from)
+    }
+
+    #[staticmethod]
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "made from a Python path for this call"
+    )]
+    fn verify(py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        checked(py.detach(|| core::EpisodeBuffer::verify(&path)))
     }
 
     fn state_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let state = detached(py, &self.inner, |buffer| buffer.rng_mut().state());
+        let state = self.shared_rng().state();
         let dict = PyDict::new(py);
         dict.set_item("rng", into_array(py, state.to_vec(), &[4])?)?;
         Ok(dict)
     }
 
-    fn load_state_dict(&self, py: Python<'_>, state: &Bound<'_, PyAny>) -> PyResult<()> {
-        let rng = rng_from_state("rng", &state.get_item("rng")?)?;
-        detached(py, &self.inner, |buffer| *buffer.rng_mut() = rng);
+    fn load_state_dict(&self, state: &Bound<'_, PyAny>) -> PyResult<()> {
+        *self.shared_rng() = rng_from_state("rng", &state.get_item("rng")?)?;
         Ok(())
     }
 
     #[getter]
     fn ids<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<i64>>> {
-        let ids: Vec<i64> = detached(py, &self.inner, |buffer| buffer.ids().collect());
+        let ids: Vec<i64> = self.with_buffer(py, |buffer| buffer.ids().collect());
         let shape = [ids.len()];
         into_array(py, ids, &shape)
     }
 
     #[getter]
     fn open<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
-        let open = detached(py, &self.inner, |buffer| {
+        let open = self.with_buffer(py, |buffer| {
             buffer.open_episodes().map(|e| e.is_some()).collect()
         });
         into_array(py, open, &[self.config.num_streams])
@@ -280,12 +562,12 @@ impl EpisodeBuffer {
 
     #[getter]
     fn num_steps(&self, py: Python<'_>) -> usize {
-        detached(py, &self.inner, |buffer| buffer.num_steps())
+        self.with_buffer(py, core::EpisodeBuffer::num_steps)
     }
 
     #[getter]
     fn nbytes(&self, py: Python<'_>) -> usize {
-        detached(py, &self.inner, |buffer| buffer.allocated_bytes())
+        self.with_buffer(py, core::EpisodeBuffer::allocated_bytes)
     }
 
     #[getter]
@@ -295,7 +577,38 @@ impl EpisodeBuffer {
 
     #[getter]
     fn observation_shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, self.row())
+        PyTuple::new(py, observation(&self.config))
+    }
+
+    #[getter]
+    fn dtype<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        py.import("numpy")?
+            .call_method1("dtype", (item_name(self.config.frame_item),))
+    }
+
+    #[getter]
+    fn goals(&self) -> &'static str {
+        match self.config.goal_kind {
+            GoalKind::Labels => "labels",
+            GoalKind::Observations => "observations",
+            GoalKind::Vectors { .. } => "vectors",
+        }
+    }
+
+    #[getter]
+    fn goal_shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        PyTuple::new(py, goal_array(&self.config).0)
+    }
+
+    #[getter]
+    fn goal_dtype<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let name = item_name(goal_array(&self.config).1);
+        py.import("numpy")?.call_method1("dtype", (name,))
+    }
+
+    #[getter]
+    fn action_dim(&self) -> usize {
+        self.config.action_dim
     }
 
     #[getter]
@@ -334,11 +647,11 @@ impl EpisodeBuffer {
     }
 
     fn __len__(&self, py: Python<'_>) -> usize {
-        detached(py, &self.inner, |buffer| buffer.len())
+        self.with_buffer(py, core::EpisodeBuffer::len)
     }
 
     fn __repr__(&self, py: Python<'_>) -> String {
-        let (len, steps) = detached(py, &self.inner, |buffer| (buffer.len(), buffer.num_steps()));
+        let (len, steps) = self.with_buffer(py, |buffer| (buffer.len(), buffer.num_steps()));
         format!(
             "EpisodeBuffer({len} episodes, {steps} of {} steps)",
             self.config.capacity_steps

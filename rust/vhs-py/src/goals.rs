@@ -6,13 +6,14 @@ use std::sync::Mutex;
 use numpy::{PyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
+use vhs_core::config::Item;
 use vhs_core::error::{Result, check_shape};
 use vhs_core::goals::{self as core, Balance};
 
 use crate::arrays::{
-    checked, detached, exact, filled, integer, integer_vec, into_array, rows, seed, shape, size,
-    slice,
+    checked, detached, exact, integer, integer_vec, into_array, rows, seed, shape, size, slice,
 };
+use crate::bytes::filled_bytes;
 use crate::episodes::EpisodeBuffer;
 
 type Sample<'py> = (Bound<'py, PyAny>, Bound<'py, PyArrayDyn<i64>>);
@@ -110,7 +111,7 @@ impl GoalStore {
         };
         let fresh = || self.run(py, |store| store.sample(n, balance));
         let into = |out: &mut [u8]| self.run(py, |store| store.sample_into(n, balance, out));
-        let (images, labels) = filled(py, out, &shape, fresh, into)?;
+        let (images, labels) = filled_bytes(py, out, Item::U8, &shape, fresh, into)?;
         Ok((images, into_array(py, labels, &[n])?))
     }
 
@@ -125,7 +126,7 @@ impl GoalStore {
         let (label, n) = (integer("label", label)?, size("n", n)?);
         let fresh = || self.run(py, |store| Ok((store.sample_class(label, n)?, ())));
         let into = |out: &mut [u8]| self.run(py, |store| store.sample_class_into(label, n, out));
-        Ok(filled(py, out, &rows(n, &self.shape), fresh, into)?.0)
+        Ok(filled_bytes(py, out, Item::U8, &rows(n, &self.shape), fresh, into)?.0)
     }
 
     #[expect(
@@ -137,12 +138,27 @@ impl GoalStore {
     }
 
     #[staticmethod]
+    #[pyo3(signature = (path, *, mmap=false))]
     #[expect(
         clippy::needless_pass_by_value,
         reason = "made from a Python path for this call"
     )]
-    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        checked(py.detach(|| core::GoalStore::load(&path))).map(Self::from)
+    fn load(py: Python<'_>, path: PathBuf, mmap: bool) -> PyResult<Self> {
+        let load = if mmap {
+            core::GoalStore::map
+        } else {
+            core::GoalStore::load
+        };
+        checked(py.detach(|| load(&path))).map(Self::from)
+    }
+
+    #[staticmethod]
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "made from a Python path for this call"
+    )]
+    fn verify(py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        checked(py.detach(|| core::GoalStore::verify(&path)))
     }
 
     #[getter]

@@ -6,15 +6,19 @@
 
 mod arrays;
 mod batch;
+mod bytes;
 mod episodes;
 mod error;
 mod goals;
+mod hindsight;
 mod prototypes;
 mod raster;
 mod relabel;
 mod returns;
 mod rng;
 mod rollout;
+mod sampling;
+mod transitions;
 
 /// The compiled half of the Python package `vhs`.
 #[pyo3::pymodule]
@@ -25,6 +29,8 @@ mod _core {
     use crate::episodes::EpisodeBuffer;
     #[pymodule_export]
     use crate::goals::GoalStore;
+    #[pymodule_export]
+    use crate::hindsight::SparseReward;
     #[pymodule_export]
     use crate::prototypes::Prototypes;
     #[pymodule_export]
@@ -37,13 +43,15 @@ mod _core {
     use crate::rng::Rng;
     #[pymodule_export]
     use crate::rollout::{RolloutLearner, RolloutWorker};
+    #[pymodule_export]
+    use crate::transitions::{TransitionBatch, WindowBatch};
 
     use pyo3::prelude::*;
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
-        // The version is written once, in Cargo.toml.
-        module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+        // The version is written once, in Cargo.toml. Not by `add`, which would put it into `__all__`.
+        module.setattr("__version__", env!("CARGO_PKG_VERSION"))?;
         crate::error::register(module)
     }
 }

@@ -86,7 +86,8 @@ pub(crate) fn outcome(argument: &Bound<'_, PyAny>) -> PyResult<Outcome> {
     checked(Outcome::from_code(integer("outcome", argument)?))
 }
 
-fn outcomes(argument: &Bound<'_, PyAny>) -> PyResult<OutcomeSet> {
+/// A set of outcomes from a sequence of names or numbers.
+pub(crate) fn outcomes(argument: &Bound<'_, PyAny>) -> PyResult<OutcomeSet> {
     // A bare word is a sequence of letters to Python: refused, so that on="failure" is not a
     // puzzle.
     match argument.try_iter() {

@@ -54,6 +54,7 @@ fn used_buffer() -> EpisodeBuffer {
         num_interactions: 1,
         first_interaction_action: 3,
         seed: 0,
+        ..EpisodeConfig::default()
     })
     .expect("valid sizes");
     for _ in 0..2 {
@@ -73,6 +74,7 @@ fn append(buffer: &mut EpisodeBuffer) -> super::Result<()> {
         rewards,
         values,
         frames: &[0],
+        ..Steps::default()
     })
 }
 

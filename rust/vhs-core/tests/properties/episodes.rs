@@ -1,6 +1,7 @@
 //! The episode buffer against lists of episodes that own their frames.
 
 use proptest::prelude::*;
+use vhs_core::batch::Layout;
 use vhs_core::episodes::{EpisodeBuffer, Steps};
 use vhs_core::error::Error;
 use vhs_core::outcome::Outcome;
@@ -99,6 +100,7 @@ impl Pair {
                 .iter()
                 .flat_map(|step| step.4.clone())
                 .collect::<Vec<_>>(),
+            ..Steps::default()
         });
         assert_eq!(result.is_ok(), self.naive.append(&steps), "{result:?}");
     }
@@ -137,7 +139,8 @@ impl Pair {
         let ids: Vec<i64> = self.buffer.ids().collect();
         assert_eq!(ids, self.naive.ids());
         for (stream, episode) in self.naive.open.iter().enumerate() {
-            let observed = self.buffer.observe(&[number(stream)]).ok();
+            let observed = self.buffer.observe(&[number(stream)]);
+            let observed = observed.ok().map(|bytes| bytes.to_vec());
             let stack = self.naive.config.frame_stack;
             assert_eq!(
                 observed,
@@ -220,12 +223,12 @@ fn gather_into_writes_the_beginning_of_a_larger_array() {
     let mut out = vec![99; 5 * 2 * FRAME_BYTES];
     let index = pair
         .buffer
-        .gather_into(&[0], &mut out)
+        .gather_into(&[0], Layout::Packed, &mut out)
         .expect("a stored id");
     let batch = pair.buffer.gather(&[0]).expect("a stored id");
-    assert_eq!(index, batch.index);
+    assert_eq!(index.index, batch.index);
     let (written, rest) = out.split_at(batch.observations.len());
-    assert_eq!(written, batch.observations);
+    assert_eq!(batch.observations, written);
     assert!(
         rest.iter().all(|&byte| byte == 99),
         "bytes after the batch were touched"

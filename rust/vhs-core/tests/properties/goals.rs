@@ -87,7 +87,7 @@ proptest! {
             let (images, labels) = a.sample(n, balance).expect("images are stored");
             let mut out = vec![0; 6 * n];
             prop_assert_eq!(b.sample_into(n, balance, &mut out).expect("images are stored"), labels);
-            prop_assert_eq!(out, images);
+            prop_assert_eq!(images, out);
         }
     }
 

@@ -8,3 +8,4 @@ mod persist;
 mod prototypes;
 mod relabel;
 mod returns;
+mod threads;

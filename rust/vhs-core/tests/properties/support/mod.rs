@@ -22,6 +22,7 @@ pub(crate) fn small_config(frame_stack: usize, capacity_steps: usize) -> Episode
         num_interactions: 3,
         first_interaction_action: 3,
         seed: 11,
+        ..EpisodeConfig::default()
     }
 }
 

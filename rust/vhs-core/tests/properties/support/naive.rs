@@ -150,6 +150,7 @@ impl Episodes {
             index.goals.push(episode.goal);
             index.interactions.push(episode.interaction);
             index.outcomes.push(episode.outcome as u8);
+            index.terminated.push(episode.outcome != Outcome::Timeout);
             for t in 0..index.longest {
                 index.mask.push(t < length);
                 index

@@ -1,0 +1,290 @@
+"""A gymnasium wrapper that makes any goal-conditioned environment feed an `EpisodeBuffer`.
+
+Environments say what they want and what was reached in three ways; a `GoalReader` turns each into a `Seen`:
+dictionaries with `achieved_goal` and `desired_goal` (`GoalDict`), an instruction beside an image
+(`Instruction`), or whatever a function of the user's makes of an observation.
+
+The wrapper records the last observation of an episode before anything resets the environment, so hindsight
+always has it. It needs gymnasium; `import vhs` alone does not import it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from os import PathLike
+from typing import Any, SupportsFloat
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from vhs._core import ArgumentError, EpisodeBuffer
+from vhs.outcome import Outcome
+
+__all__ = ["GoalDict", "GoalReader", "HindsightRecorder", "Instruction", "Seen", "make_buffer"]
+
+Judge = Callable[[float, bool, bool, dict[str, Any]], Outcome]
+"""(reward, terminated, truncated, info) of the last step -> outcome."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What an observation says, for the buffer."""
+
+    frame: NDArray[Any]
+    """What to store, of the buffer's `frame_shape`."""
+    label: int = 0
+    """Instructed goal class."""
+    interaction: int = 0
+    """Instructed interaction."""
+    desired_goal: NDArray[Any] | None = None
+    """The goal told, where goals are observations or vectors."""
+    achieved_goal: NDArray[Any] | None = None
+    """The goal reached, where goals are vectors."""
+
+
+GoalReader = Callable[[Any], Seen]
+"""Observation -> what it says."""
+
+
+@dataclass(frozen=True, slots=True)
+class GoalDict:
+    """Reads the dictionaries of goal-conditioned environments (gymnasium-robotics `GoalEnv`)."""
+
+    def __call__(self, observation: dict[str, Any]) -> Seen:
+        """The observation's three entries."""
+        return Seen(
+            frame=np.asarray(observation["observation"]),
+            desired_goal=np.asarray(observation["desired_goal"]),
+            achieved_goal=np.asarray(observation["achieved_goal"]),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Instruction:
+    """Reads an image and an instruction: each an entry's name, or a function of the observation."""
+
+    image: str | Callable[[Any], NDArray[Any]] = "image"
+    goal: str | Callable[[Any], int] = "goal"
+    """Goal class."""
+    interaction: str | Callable[[Any], int] | None = None
+    """Interaction; None where the task has none."""
+
+    def __call__(self, observation: Any) -> Seen:
+        """The image, the class and the interaction."""
+        interaction = 0 if self.interaction is None else int(_entry(observation, self.interaction))
+        image = np.asarray(_entry(observation, self.image))
+        return Seen(image, int(_entry(observation, self.goal)), interaction)
+
+
+class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Records every step of an environment in one stream of a buffer.
+
+    Several recorders may share a buffer, each with a stream of its own. An episode that is reset before it
+    has ended is kept as a timeout if it has a step, and dropped otherwise.
+    """
+
+    def __init__(
+        self,
+        env: gymnasium.Env[Any, Any],
+        buffer: EpisodeBuffer,
+        *,
+        stream: int = 0,
+        reader: GoalReader | None = None,
+        judge: Judge | None = None,
+    ) -> None:
+        """Wrap an environment.
+
+        Args:
+            env: To be recorded.
+            buffer: Takes the steps; `make_buffer` builds one that fits.
+            stream: Of the buffer, for this environment alone.
+            reader: Turns an observation into a `Seen`; None: by the observation space, `GoalDict` or
+                `Instruction`.
+            judge: Says how an episode ended; None: `default_outcome`.
+        """
+        super().__init__(env)
+        self.buffer = buffer
+        self.stream = stream
+        self.value = 0.0
+        """The critic's value at the newest observation, where there is a critic; set it before `step`."""
+        self.last_id: int | None = None
+        """Id of the newest episode that this environment finished."""
+        self._reader = reader or reader_of(env.observation_space)
+        self._judge = judge or default_outcome
+        self._first_action = int(getattr(env.action_space, "start", 0))
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, Any]:
+        """Reset the environment and open an episode."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._leave_open_episode()
+        seen = self._reader(observation)
+        self.buffer.begin(
+            self.stream,
+            self._frame(seen),
+            seen.label,
+            seen.interaction,
+            desired_goal=self._goal(seen.desired_goal),
+            achieved_goal=self._goal(seen.achieved_goal),
+        )
+        self._steps = 0
+        return observation, info
+
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Step the environment and record what came of it."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        seen = self._reader(observation)
+        self.buffer.append(
+            self.stream,
+            self._action(action),
+            float(reward),
+            self.value,
+            self._frame(seen),
+            achieved_goal=self._goal(seen.achieved_goal),
+        )
+        self._steps += 1
+        if terminated or truncated:
+            outcome = self._judge(float(reward), terminated, truncated, info)
+            self.last_id = self.buffer.finish(self.stream, outcome, terminated=bool(terminated))
+        return observation, reward, terminated, truncated, info
+
+    @property
+    def reward(self) -> Callable[[NDArray[Any], NDArray[Any]], NDArray[Any]]:
+        """The environment's own `compute_reward`, as `sample_transitions(reward=...)` takes it."""
+        compute = self.env.get_wrapper_attr("compute_reward")
+        return lambda achieved, goals: compute(achieved, goals, {})
+
+    def _leave_open_episode(self) -> None:
+        if not self.buffer.open[self.stream]:
+            return
+        if self._steps:
+            self.last_id = self.buffer.finish(self.stream, Outcome.TIMEOUT)
+        else:
+            self.buffer.abort(self.stream)
+
+    def _action(self, action: Any) -> Any:
+        if self.buffer.action_dim:
+            return np.asarray(action, np.float32).ravel()
+        return int(action) - self._first_action
+
+    def _frame(self, seen: Seen) -> NDArray[Any]:
+        return seen.frame.astype(self.buffer.dtype, copy=False).reshape(self.buffer.frame_shape)
+
+    def _goal(self, goal: NDArray[Any] | None) -> NDArray[Any] | None:
+        if goal is None:
+            return None
+        return goal.astype(self.buffer.goal_dtype, copy=False).reshape(self.buffer.goal_shape)
+
+
+def default_outcome(reward: float, terminated: bool, truncated: bool, info: dict[str, Any]) -> Outcome:
+    """What the environment says, in the first of these ways that it has.
+
+    `info["outcome"]`, a name; `info["is_success"]` or `info["success"]`; terminated with a positive reward is
+    a success, with another a failure; the rest is a timeout.
+    """
+    if "outcome" in info:
+        return Outcome.from_name(info["outcome"])
+    for word in ("is_success", "success"):
+        if info.get(word):
+            return Outcome.SUCCESS
+    if terminated:
+        return Outcome.SUCCESS if reward > 0 else Outcome.FAILURE
+    return Outcome.TIMEOUT
+
+
+def reader_of(space: spaces.Space[Any]) -> GoalReader:
+    """The reader that fits an observation space.
+
+    Raises:
+        ArgumentError: For a space that says nothing of goals.
+    """
+    entries = set(space.spaces) if isinstance(space, spaces.Dict) else set()
+    if {"observation", "achieved_goal", "desired_goal"} <= entries:
+        return GoalDict()
+    if {"image", "goal"} <= entries:
+        return Instruction(interaction="interaction" if "interaction" in entries else None)
+    raise ArgumentError(
+        "`reader`: expected one for an observation space without achieved_goal and desired_goal, or image "
+        f"and goal, got None for {space}"
+    )
+
+
+def make_buffer(
+    env: gymnasium.Env[Any, Any],
+    *,
+    capacity_steps: int,
+    max_episode_steps: int | None = None,
+    reader: GoalReader | None = None,
+    num_streams: int = 1,
+    frame_stack: int = 1,
+    num_goals: int = 1,
+    num_interactions: int = 0,
+    backing: str | PathLike[str] = "memory",
+    seed: int = 0,
+) -> EpisodeBuffer:
+    """A buffer that fits an environment: sizes and types are read off its spaces and one observation.
+
+    Args:
+        env: Any environment that `HindsightRecorder` can wrap; it is reset once.
+        capacity_steps: Steps kept over all episodes.
+        max_episode_steps: Of the longest episode; None: that of the environment's registration.
+        reader: As for `HindsightRecorder`.
+        num_streams: Environments that will feed the buffer.
+        frame_stack: Frames in one observation.
+        num_goals: Goal classes, where an instruction names one.
+        num_interactions: Interactions, where an instruction names one: the environment's last actions.
+        backing: As for `EpisodeBuffer`.
+        seed: Of the buffer's generator.
+
+    Raises:
+        ArgumentError: For an environment without a limit of steps where none is given, or with actions that
+            are neither numbered nor real.
+    """
+    observation, _ = env.reset()
+    seen = (reader or reader_of(env.observation_space))(observation)
+    limit = max_episode_steps or (env.spec.max_episode_steps if env.spec else None)
+    if limit is None:
+        raise ArgumentError("`max_episode_steps`: expected a number, got None from the environment")
+    vectors: dict[str, Any] = {}
+    if seen.achieved_goal is not None:
+        goal = seen.achieved_goal
+        vectors = {"goals": "vectors", "goal_shape": goal.shape, "goal_dtype": _stored(goal.dtype)}
+    elif seen.desired_goal is not None:
+        vectors = {"goals": "observations"}
+    numbered, dim = _actions(env.action_space)
+    return EpisodeBuffer(
+        seen.frame.shape,
+        num_streams=num_streams,
+        max_episode_steps=limit,
+        capacity_steps=capacity_steps,
+        frame_stack=frame_stack,
+        num_goals=num_goals,
+        num_interactions=num_interactions,
+        first_interaction_action=numbered - num_interactions,
+        dtype=_stored(seen.frame.dtype),
+        action_dim=dim,
+        backing=backing,
+        seed=seed,
+        **vectors,
+    )
+
+
+def _actions(space: spaces.Space[Any]) -> tuple[int, int]:
+    """Numbered actions and numbers in a continuous action; the latter 0 where actions are numbered."""
+    if isinstance(space, spaces.Discrete):
+        return int(space.n), 0
+    if isinstance(space, spaces.Box):
+        # A buffer of continuous actions still has one numbered action, which nobody takes.
+        return 1, int(np.prod(space.shape))
+    raise ArgumentError(f"`env`: expected Discrete or Box actions, got {space}")
+
+
+def _stored(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """The type in which a buffer keeps numbers of this one."""
+    return np.dtype(np.uint8) if dtype == np.bool_ else dtype
+
+
+def _entry(observation: Any, entry: str | Callable[[Any], Any]) -> Any:
+    return observation[entry] if isinstance(entry, str) else entry(observation)

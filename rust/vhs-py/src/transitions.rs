@@ -1,0 +1,176 @@
+//! `vhs.TransitionBatch` and `vhs.WindowBatch`: the arrays of what was sampled.
+
+use numpy::PyArrayDyn;
+use pyo3::prelude::*;
+use vhs_core::picks::GoalIndex;
+use vhs_core::transitions::TransitionIndex;
+use vhs_core::windows::WindowIndex;
+
+use crate::arrays::into_array;
+
+/// The four large arrays of a batch: observations, next observations, goals and goals reached. A goal that
+/// the buffer does not have is None.
+pub(crate) type Large<'py> = [Option<Bound<'py, PyAny>>; 4];
+
+/// Single steps as arrays; see the stub for its documentation.
+#[pyclass(frozen, get_all, module = "vhs._core")]
+pub(crate) struct TransitionBatch {
+    observations: Option<Py<PyAny>>,
+    next_observations: Option<Py<PyAny>>,
+    goals: Option<Py<PyAny>>,
+    achieved_goals: Option<Py<PyAny>>,
+    actions: Py<PyAny>,
+    rewards: Py<PyArrayDyn<f32>>,
+    terminated: Py<PyArrayDyn<bool>>,
+    truncated: Py<PyArrayDyn<bool>>,
+    relabelled: Py<PyArrayDyn<bool>>,
+    ids: Py<PyArrayDyn<i64>>,
+    steps: Py<PyArrayDyn<i64>>,
+    goal_ids: Py<PyArrayDyn<i64>>,
+    goal_steps: Py<PyArrayDyn<i64>>,
+    labels: Py<PyArrayDyn<i64>>,
+    interactions: Py<PyArrayDyn<i64>>,
+}
+
+/// Parts of episodes as arrays; see the stub for its documentation.
+#[pyclass(frozen, get_all, module = "vhs._core")]
+pub(crate) struct WindowBatch {
+    observations: Option<Py<PyAny>>,
+    goals: Option<Py<PyAny>>,
+    achieved_goals: Option<Py<PyAny>>,
+    actions: Py<PyAny>,
+    rewards: Py<PyArrayDyn<f32>>,
+    values: Py<PyArrayDyn<f32>>,
+    terminated: Py<PyArrayDyn<bool>>,
+    truncated: Py<PyArrayDyn<bool>>,
+    mask: Py<PyArrayDyn<bool>>,
+    burn_in: Py<PyArrayDyn<i64>>,
+    lengths: Py<PyArrayDyn<i64>>,
+    relabelled: Py<PyArrayDyn<bool>>,
+    ids: Py<PyArrayDyn<i64>>,
+    steps: Py<PyArrayDyn<i64>>,
+    goal_ids: Py<PyArrayDyn<i64>>,
+    goal_steps: Py<PyArrayDyn<i64>>,
+    labels: Py<PyArrayDyn<i64>>,
+    interactions: Py<PyArrayDyn<i64>>,
+}
+
+/// `GoalIndex` as arrays.
+struct Goals {
+    relabelled: Py<PyArrayDyn<bool>>,
+    ids: Py<PyArrayDyn<i64>>,
+    steps: Py<PyArrayDyn<i64>>,
+    goal_ids: Py<PyArrayDyn<i64>>,
+    goal_steps: Py<PyArrayDyn<i64>>,
+    labels: Py<PyArrayDyn<i64>>,
+    interactions: Py<PyArrayDyn<i64>>,
+}
+
+impl Goals {
+    fn from_core(py: Python<'_>, index: GoalIndex) -> PyResult<Self> {
+        let n = [index.ids.len()];
+        Ok(Self {
+            relabelled: into_array(py, index.relabelled, &n)?.unbind(),
+            ids: into_array(py, index.ids, &n)?.unbind(),
+            steps: into_array(py, index.steps, &n)?.unbind(),
+            goal_ids: into_array(py, index.goal_ids, &n)?.unbind(),
+            goal_steps: into_array(py, index.goal_steps, &n)?.unbind(),
+            labels: into_array(py, index.labels, &n)?.unbind(),
+            interactions: into_array(py, index.interactions, &n)?.unbind(),
+        })
+    }
+}
+
+impl TransitionBatch {
+    pub(crate) fn from_core(
+        py: Python<'_>,
+        large: Large<'_>,
+        index: TransitionIndex,
+        action_dim: usize,
+    ) -> PyResult<Self> {
+        let n = [index.rewards.len()];
+        let [observations, next_observations, goals, achieved_goals] =
+            large.map(|part| part.map(Bound::unbind));
+        let index_of_goals = Goals::from_core(py, index.goals)?;
+        Ok(Self {
+            observations,
+            next_observations,
+            goals,
+            achieved_goals,
+            actions: actions(py, index.actions, index.vectors, &n, action_dim)?,
+            rewards: into_array(py, index.rewards, &n)?.unbind(),
+            terminated: into_array(py, index.terminated, &n)?.unbind(),
+            truncated: into_array(py, index.truncated, &n)?.unbind(),
+            relabelled: index_of_goals.relabelled,
+            ids: index_of_goals.ids,
+            steps: index_of_goals.steps,
+            goal_ids: index_of_goals.goal_ids,
+            goal_steps: index_of_goals.goal_steps,
+            labels: index_of_goals.labels,
+            interactions: index_of_goals.interactions,
+        })
+    }
+}
+
+impl WindowBatch {
+    pub(crate) fn from_core(
+        py: Python<'_>,
+        large: Large<'_>,
+        index: WindowIndex,
+        action_dim: usize,
+    ) -> PyResult<Self> {
+        let n = [index.lengths.len()];
+        let cells = [n[0], index.mask.len() / n[0].max(1)];
+        let [observations, _, goals, achieved_goals] = large.map(|part| part.map(Bound::unbind));
+        let index_of_goals = Goals::from_core(py, index.goals)?;
+        Ok(Self {
+            observations,
+            goals,
+            achieved_goals,
+            actions: actions(py, index.actions, index.vectors, &cells, action_dim)?,
+            rewards: into_array(py, index.rewards, &cells)?.unbind(),
+            values: into_array(py, index.values, &cells)?.unbind(),
+            terminated: into_array(py, index.terminated, &cells)?.unbind(),
+            truncated: into_array(py, index.truncated, &cells)?.unbind(),
+            mask: into_array(py, index.mask, &cells)?.unbind(),
+            burn_in: into_array(py, index.burn_in, &n)?.unbind(),
+            lengths: into_array(py, index.lengths, &n)?.unbind(),
+            relabelled: index_of_goals.relabelled,
+            ids: index_of_goals.ids,
+            steps: index_of_goals.steps,
+            goal_ids: index_of_goals.goal_ids,
+            goal_steps: index_of_goals.goal_steps,
+            labels: index_of_goals.labels,
+            interactions: index_of_goals.interactions,
+        })
+    }
+}
+
+/// Numbered actions as int64, continuous ones as float32 with one more dimension.
+pub(crate) fn actions(
+    py: Python<'_>,
+    numbered: Vec<i64>,
+    vectors: Vec<f32>,
+    shape: &[usize],
+    action_dim: usize,
+) -> PyResult<Py<PyAny>> {
+    if action_dim == 0 {
+        return Ok(into_array(py, numbered, shape)?.into_any().unbind());
+    }
+    let shape = [shape, &[action_dim]].concat();
+    Ok(into_array(py, vectors, &shape)?.into_any().unbind())
+}
+
+#[pymethods]
+impl TransitionBatch {
+    fn __len__(&self, py: Python<'_>) -> PyResult<usize> {
+        self.ids.bind(py).len()
+    }
+}
+
+#[pymethods]
+impl WindowBatch {
+    fn __len__(&self, py: Python<'_>) -> PyResult<usize> {
+        self.ids.bind(py).len()
+    }
+}

@@ -1,0 +1,208 @@
+"""The recorder on environments of three kinds: our own small ones, and others that we did not write."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium import spaces
+
+import vhs
+from vhs.recorder import GoalDict, HindsightRecorder, Instruction, Seen, default_outcome, make_buffer
+
+
+class Line(gymnasium.Env[dict[str, Any], np.int64]):
+    """Walk on the numbers 0..=9 to the one told; `GoalEnv` dictionaries."""
+
+    def __init__(self) -> None:
+        number = spaces.Box(0, 9, (1,), np.int64)
+        entries = dict.fromkeys(("observation", "achieved_goal", "desired_goal"), number)
+        self.observation_space = spaces.Dict(entries)
+        self.action_space = spaces.Discrete(2, start=-1)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        super().reset(seed=seed)
+        self.place, self.goal, self.time = 5, int(self.np_random.integers(10)), 0
+        return self._seen(), {}
+
+    def step(self, action: Any) -> Any:
+        self.place = int(np.clip(self.place + (1 if action == 0 else -1), 0, 9))
+        self.time += 1
+        seen = self._seen()
+        reward = self.compute_reward(seen["achieved_goal"], seen["desired_goal"], {})
+        return seen, float(reward), False, self.time == 6, {"is_success": bool(reward == 0)}
+
+    def compute_reward(self, achieved: Any, desired: Any, info: Any) -> Any:
+        return np.where((achieved == desired).all(-1), 0.0, -1.0)
+
+    def _seen(self) -> dict[str, Any]:
+        place, goal = np.array([self.place]), np.array([self.goal])
+        return {"observation": place, "achieved_goal": place, "desired_goal": goal}
+
+
+def play(env: gymnasium.Env[Any, Any], episodes: int, seed: int = 0) -> list[list[tuple[Any, Any]]]:
+    """Random episodes, and what a user saw of them: (observation, step's result)."""
+    env.action_space.seed(seed)
+    seen = []
+    for episode in range(episodes):
+        observation, _ = env.reset(seed=seed + episode)
+        steps: list[tuple[Any, Any]] = [(observation, None)]
+        done = False
+        while not done:
+            action = env.action_space.sample()
+            result = env.step(action)
+            steps.append((result[0], (action, *result[1:])))
+            done = result[2] or result[3]
+        seen.append(steps)
+    return seen
+
+
+def test_goal_dictionaries_are_recorded_step_by_step() -> None:
+    env = Line()
+    buffer = make_buffer(env, capacity_steps=60, max_episode_steps=6)
+    assert (buffer.goals, buffer.dtype, buffer.goal_shape) == ("vectors", np.int64, (1,))
+    seen = play(HindsightRecorder(env, buffer), 5)
+    for number, steps in enumerate(seen):
+        batch = buffer.gather([number])
+        places = [step[0]["achieved_goal"] for step in steps]
+        np.testing.assert_array_equal(batch.achieved_goals, places)
+        np.testing.assert_array_equal(batch.observations[:, 0], places)
+        np.testing.assert_array_equal(batch.desired_goals[0], steps[0][0]["desired_goal"])
+        assert batch.actions[0].tolist() == [int(step[1][0]) + 1 for step in steps[1:]]
+        assert batch.rewards[0].tolist() == [step[1][1] for step in steps[1:]]
+        assert not batch.terminated[0]  # cut off after six steps, reached or not
+        reached = steps[-1][1][-1]["is_success"]
+        assert batch.outcomes[0] == (vhs.Outcome.SUCCESS if reached else vhs.Outcome.TIMEOUT)
+
+
+def test_rewards_are_those_of_the_environment_for_the_new_goals() -> None:
+    env = HindsightRecorder(Line(), make_buffer(Line(), capacity_steps=600, max_episode_steps=6))
+    play(env, 50)
+    batch = env.buffer.sample_transitions(300, "future", reward=env.reward)
+    expected = Line().compute_reward(batch.achieved_goals, batch.goals, {})
+    np.testing.assert_array_equal(batch.rewards, expected)
+    assert (batch.rewards == 0).any()
+    # The built-in rule says the same, and so needs no environment at all.
+    sparse = env.buffer.sample_transitions(300, "future", reward=vhs.SparseReward(terminates=False))
+    np.testing.assert_array_equal(
+        sparse.rewards, Line().compute_reward(sparse.achieved_goals, sparse.goals, {})
+    )
+
+
+def test_a_reset_in_the_middle_keeps_what_there_is() -> None:
+    env = HindsightRecorder(Line(), make_buffer(Line(), capacity_steps=60, max_episode_steps=6))
+    env.reset(seed=0)
+    env.reset(seed=1)  # nothing happened: dropped
+    assert (len(env.buffer), env.last_id) == (0, None)
+    env.step(0)
+    env.reset(seed=2)
+    assert env.last_id == 0
+    batch = env.buffer.gather([0])
+    assert batch.outcomes[0] == vhs.Outcome.TIMEOUT
+    assert batch.lengths.tolist() == [1]
+
+
+def test_environments_of_a_vector_share_a_buffer() -> None:
+    buffer = make_buffer(Line(), capacity_steps=600, max_episode_steps=6, num_streams=3)
+    envs = gymnasium.vector.SyncVectorEnv(
+        [lambda stream=stream: HindsightRecorder(Line(), buffer, stream=stream) for stream in range(3)]
+    )
+    envs.reset(seed=4)
+    for _ in range(40):  # episodes end, reset themselves and go on
+        envs.step(envs.action_space.sample())
+    batch = buffer.gather(buffer.ids)
+    assert batch.lengths.tolist() == [6] * len(buffer)
+    assert len(buffer) >= 15
+    # Every step is one place or none: no episode took over the first observation of the next.
+    rows = batch.achieved_goals[:, 0].reshape(len(buffer), 7)
+    assert (np.abs(np.diff(rows, axis=1)) <= 1).all()
+    assert (rows[:, 0] == 5).all()
+
+
+def test_our_rooms_are_read_without_being_told_how() -> None:
+    pytest.importorskip("mujoco", reason="the rooms need vhs[env]")
+    space = spaces.Dict(
+        {
+            "image": spaces.Box(0, 255, (8, 8, 3), np.uint8),
+            "goal": spaces.Discrete(5),
+            "interaction": spaces.Discrete(3),
+        }
+    )
+
+    class Room(gymnasium.Env[Any, Any]):
+        observation_space, action_space = space, spaces.Discrete(6)
+
+        def reset(self, **_: Any) -> Any:
+            return {"image": np.full((8, 8, 3), 1, np.uint8), "goal": 3, "interaction": 2}, {}
+
+        def step(self, action: Any) -> Any:
+            seen = {"image": np.full((8, 8, 3), 2, np.uint8), "goal": 3, "interaction": 2}
+            return seen, -1.0, True, False, {"outcome": "failure"}
+
+    buffer = make_buffer(Room(), capacity_steps=9, max_episode_steps=3, num_goals=5, num_interactions=3)
+    env = HindsightRecorder(Room(), buffer)
+    env.reset()
+    env.step(4)
+    batch = buffer.sample_episodes(1, "final")
+    assert (batch.goals[0], batch.interactions[0], batch.outcomes[0]) == (3, 2, vhs.Outcome.FAILURE)
+    assert batch.hindsight.interactions[0] == 1  # action 4 does interaction 1 of three, after three moves
+
+
+def test_a_function_reads_what_no_rule_knows() -> None:
+    env = gymnasium.make("CartPole-v1")
+    with pytest.raises(vhs.ArgumentError, match="`reader`: expected one for an observation space without"):
+        make_buffer(env, capacity_steps=1000)
+
+    def reader(observation: np.ndarray) -> Seen:
+        return Seen(observation, desired_goal=np.zeros((1, 4), np.float32))
+
+    buffer = make_buffer(env, capacity_steps=1000, reader=reader)
+    assert (buffer.goals, buffer.dtype) == ("observations", np.float32)
+    play(HindsightRecorder(env, buffer, reader=reader), 3)
+    batch = buffer.sample_transitions(20, "final", probability=1.0)
+    last = buffer.gather(buffer.ids)
+    ends = last.observations[last.offsets + last.lengths]
+    np.testing.assert_array_equal(batch.goals, ends[batch.ids])
+
+
+@pytest.mark.parametrize(
+    ("reward", "terminated", "info", "outcome"),
+    [
+        (0.0, True, {"outcome": "success"}, vhs.Outcome.SUCCESS),
+        (1.0, True, {"outcome": "failure"}, vhs.Outcome.FAILURE),
+        (-1.0, False, {"is_success": 1.0}, vhs.Outcome.SUCCESS),
+        (-1.0, False, {"success": np.True_}, vhs.Outcome.SUCCESS),
+        (0.5, True, {}, vhs.Outcome.SUCCESS),
+        (0.0, True, {}, vhs.Outcome.FAILURE),
+        (0.5, False, {"is_success": 0.0}, vhs.Outcome.TIMEOUT),
+    ],
+)
+def test_outcomes_are_read_in_this_order(
+    reward: float, terminated: bool, info: dict[str, Any], outcome: vhs.Outcome
+) -> None:
+    assert default_outcome(reward, terminated, not terminated, info) is outcome
+
+
+def test_spaces_that_no_buffer_can_hold_are_refused() -> None:
+    env = Line()
+    with pytest.raises(vhs.ArgumentError, match="`max_episode_steps`: expected a number, got None"):
+        make_buffer(env, capacity_steps=60)
+    env.action_space = spaces.MultiDiscrete([2, 2])
+    with pytest.raises(vhs.ArgumentError, match="`env`: expected Discrete or Box actions"):
+        make_buffer(env, capacity_steps=60, max_episode_steps=6)
+
+
+def test_readers_take_names_or_functions() -> None:
+    observation = {
+        "pixels": np.ones((2, 2)),
+        "told": 3,
+        "observation": 1,
+        "achieved_goal": 2,
+        "desired_goal": 5,
+    }
+    seen = Instruction("pixels", lambda entries: entries["told"] - 1, "told")(observation)
+    assert (seen.label, seen.interaction, seen.frame.shape) == (2, 3, (2, 2))
+    told = GoalDict()(observation)
+    assert (int(told.frame), int(told.achieved_goal), int(told.desired_goal)) == (1, 2, 5)
