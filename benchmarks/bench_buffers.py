@@ -345,7 +345,7 @@ def measure(case: Case, repeats: int) -> Result:
 
 
 def size_cases() -> list[Case]:
-    """Draws from buffers of growing size, beside numpy taking random images from an array of that size.
+    """Draws from buffers of growing size, beside numpy taking as many images from an array of that size.
 
     The ratio is what stays flat: both miss the caches more as the size grows. Frames of 64 bytes, whose
     copies cost nothing, show the way to a step alone.

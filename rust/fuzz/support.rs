@@ -10,7 +10,11 @@ pub struct Input {
 
 /// The input as a file in memory, one a process.
 pub fn file(data: &[u8]) -> Input {
-    let folder = if cfg!(target_os = "linux") { "/dev/shm".into() } else { std::env::temp_dir() };
+    let folder = if cfg!(target_os = "linux") {
+        "/dev/shm".into()
+    } else {
+        std::env::temp_dir()
+    };
     let path = folder.join(format!("vhs-fuzz-{}", std::process::id()));
     std::fs::write(&path, data).expect("a writable folder");
     Input { path }

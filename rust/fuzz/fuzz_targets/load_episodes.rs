@@ -28,7 +28,10 @@ fuzz_target!(|data: &[u8]| {
             buffer
                 .sample_transitions(4, Some(&rule), Some(&reward))
                 .expect("steps to draw");
-            let shape = WindowShape { length: 2, burn_in: 1 };
+            let shape = WindowShape {
+                length: 2,
+                burn_in: 1,
+            };
             buffer
                 .sample_windows(3, shape, Some(&rule), None)
                 .expect("steps to draw");
