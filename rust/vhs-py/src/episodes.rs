@@ -3,12 +3,11 @@
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError, RwLock};
 
-use numpy::{PyArrayDyn, PyReadonlyArrayDyn, PyUntypedArrayMethods};
+use numpy::{PyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyString, PyTuple};
-use vhs_core::batch::Layout;
+use pyo3::types::{PyDict, PyTuple};
 use vhs_core::episodes::{self as core, Backing, EpisodeConfig, GoalKind, Item, Opening, Steps};
-use vhs_core::error::{Error, Result, check_shape};
+use vhs_core::error::{Error, Result};
 use vhs_core::persist::Loading;
 use vhs_core::rng::Rng;
 use vhs_core::windows::WindowShape;
@@ -18,7 +17,8 @@ use crate::arrays::{
     seed, shape, size, slice,
 };
 use crate::batch::EpisodeBatch;
-use crate::bytes::{bytes_of, filled_bytes, item, item_name};
+use crate::bytes::{filled_bytes, item, item_name};
+use crate::episode_arguments::{Actions, goal_bytes, goal_kind, layout};
 use crate::error::to_py;
 use crate::hindsight::{Reward, hindsight_rule};
 use crate::relabel::{outcome, rule};
@@ -103,130 +103,10 @@ impl EpisodeBuffer {
         self.write(py, call)
     }
 
-    /// Frames as bytes: `count` of them, or one without a leading dimension.
-    fn frames<'py>(
-        &self,
-        field: &'static str,
-        frames: &Bound<'py, PyAny>,
-        count: &[usize],
-    ) -> PyResult<PyReadonlyArrayDyn<'py, u8>> {
-        let item = self.config.frame_item;
-        match count {
-            // One frame a step is the usual way: it costs no allocation.
-            [] => bytes_of(field, frames, item, &self.config.frame_shape),
-            _ => bytes_of(
-                field,
-                frames,
-                item,
-                &[count, &self.config.frame_shape].concat(),
-            ),
-        }
-    }
-
-    /// Goals as bytes; None where none was given.
-    fn goals_as_bytes<'py>(
-        &self,
-        field: &'static str,
-        goals: Option<&Bound<'py, PyAny>>,
-        count: &[usize],
-    ) -> PyResult<Option<PyReadonlyArrayDyn<'py, u8>>> {
-        let Some(goals) = goals else {
-            return Ok(None);
-        };
-        let (goal, item) = goal_array(&self.config);
-        bytes_of(field, goals, item, &[count, &goal].concat()).map(Some)
-    }
-
-    /// Actions of `count` steps: numbers, or vectors.
-    fn actions<'py>(&self, actions: &Bound<'py, PyAny>, count: &[usize]) -> PyResult<Actions<'py>> {
-        let dim = self.config.action_dim;
-        if dim == 0 {
-            return integers("actions", actions).map(Actions::Numbered);
-        }
-        let vectors = reals("actions", actions)?;
-        checked(check_shape(
-            "actions",
-            &[count, &[dim]].concat(),
-            vectors.shape(),
-        ))?;
-        Ok(Actions::Continuous(vectors))
-    }
-
     /// The streams of an argument; None means all.
     fn all_streams(&self, streams: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<i64>> {
         let all = || Ok((0..).take(self.config.num_streams).collect());
         streams.map_or_else(all, |streams| integer_vec("streams", streams))
-    }
-}
-
-/// The actions of a step or several.
-enum Actions<'py> {
-    Number([i64; 1]),
-    Numbered(PyReadonlyArrayDyn<'py, i64>),
-    Continuous(PyReadonlyArrayDyn<'py, f32>),
-}
-
-impl Actions<'_> {
-    fn parts(&self) -> (&[i64], &[f32]) {
-        match self {
-            Self::Number(number) => (number, &[]),
-            Self::Numbered(numbers) => (slice(numbers), &[]),
-            Self::Continuous(vectors) => (&[], slice(vectors)),
-        }
-    }
-}
-
-/// The bytes of goals that may be missing.
-fn goal_bytes<'a>(goals: Option<&'a PyReadonlyArrayDyn<'_, u8>>) -> &'a [u8] {
-    goals.map_or(&[], |goals| slice(goals))
-}
-
-/// What goals are, from the arguments of the constructor.
-fn goal_kind(
-    goals: &str,
-    goal_shape: Option<&Bound<'_, PyAny>>,
-    goal_dtype: Option<&Bound<'_, PyAny>>,
-) -> PyResult<GoalKind> {
-    let given = goal_shape.is_some() || goal_dtype.is_some();
-    match goals {
-        "labels" if !given => Ok(GoalKind::Labels),
-        "observations" if !given => Ok(GoalKind::Observations),
-        "vectors" if goal_shape.is_some() => Ok(GoalKind::Vectors {
-            shape: goal_shape.map_or(Ok(Vec::new()), |sizes| shape("goal_shape", sizes))?,
-            item: goal_dtype.map_or(Ok(Item::F32), |dtype| item("goal_dtype", dtype))?,
-        }),
-        "labels" | "observations" | "vectors" => Err(to_py(Error::Argument {
-            field: "goal_shape",
-            expected: "a shape where goals are \"vectors\", and only there".into(),
-            got: format!("goals=\"{goals}\""),
-        })),
-        _ => Err(to_py(Error::Argument {
-            field: "goals",
-            expected: "\"labels\", \"observations\", \"vectors\"".into(),
-            got: format!("\"{goals}\""),
-        })),
-    }
-}
-
-/// Memory, or the scratch file at a path.
-fn backing(argument: Option<&Bound<'_, PyAny>>) -> PyResult<Backing> {
-    let Some(argument) = argument else {
-        return Ok(Backing::Memory);
-    };
-    if let Ok(word) = argument.cast::<PyString>()
-        && word.to_cow()? == "memory"
-    {
-        return Ok(Backing::Memory);
-    }
-    Ok(Backing::Scratch(argument.extract::<PathBuf>()?))
-}
-
-/// One dense rectangle, or one episode after the other.
-const fn layout(padded: bool) -> Layout {
-    if padded {
-        Layout::Padded
-    } else {
-        Layout::Packed
     }
 }
 
@@ -278,7 +158,7 @@ impl EpisodeBuffer {
             first_interaction_action: or(3, "first_interaction_action", first_interaction_action)?,
             action_dim: or(0, "action_dim", action_dim)?,
             seed: seed.map_or(Ok(0), self::seed)?,
-            backing: self::backing(backing)?,
+            backing: crate::episode_arguments::backing(backing)?,
         };
         checked(core::EpisodeBuffer::new(config)).map(Self::from)
     }
@@ -510,7 +390,7 @@ impl EpisodeBuffer {
         mmap: bool,
         backing: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let loading = match (mmap, self::backing(backing)?) {
+        let loading = match (mmap, crate::episode_arguments::backing(backing)?) {
             (true, Backing::Memory) => Loading::Map,
             (false, backing) => Loading::Read(backing),
             (true, _) => {

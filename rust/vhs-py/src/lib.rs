@@ -7,6 +7,7 @@
 mod arrays;
 mod batch;
 mod bytes;
+mod episode_arguments;
 mod episodes;
 mod error;
 mod goals;
