@@ -664,14 +664,14 @@ def discounted_returns(
 
 @final
 class RolloutLearner:
-    def __init__(
-        self,
+    def __new__(
+        cls,
         sizes: tuple[int, int, int, int, int],
         leaves: Sequence[tuple[int, int]],
         seed: int | None,
         deadline_s: float | None,
         dump_signal: int,
-    ) -> None:
+    ) -> RolloutLearner:
         """Make the shared memory and listen for deaths; `leaves` are offset and size of an observation's parts."""
 
     @property
@@ -728,14 +728,14 @@ class RolloutLearner:
 
 @final
 class RolloutWorker:
-    def __init__(
-        self,
+    def __new__(
+        cls,
         memory: int,
         sizes: tuple[int, int, int, int, int],
         worker: int,
         deadline_s: float | None,
         cpu: int | None,
-    ) -> None:
+    ) -> RolloutWorker:
         """Take up the post of a worker, on a core of its own if one is given."""
 
     @property
