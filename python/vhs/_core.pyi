@@ -45,6 +45,7 @@ __all__ = [
     "RolloutLearner",
     "RolloutWorker",
     "ShapeError",
+    "UnsupportedError",
     "VhsError",
     "__version__",
     "discounted_returns",
@@ -908,3 +909,6 @@ class OutOfMemoryError(VhsError, MemoryError):
 
 class DamagedFileError(VhsError, ValueError):
     """A file is not one of ours, is cut short or has been altered."""
+
+class UnsupportedError(VhsError, NotImplementedError):
+    """A model or an option asks for something that the renderer does not draw."""
