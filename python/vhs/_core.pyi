@@ -48,6 +48,7 @@ __all__ = [
     "ShapeError",
     "SparseReward",
     "TransitionBatch",
+    "UnsupportedError",
     "VhsError",
     "WindowBatch",
     "discounted_returns",
@@ -1330,3 +1331,6 @@ class OutOfMemoryError(VhsError, MemoryError):
 
 class DamagedFileError(VhsError, ValueError):
     """A file is not one of ours, is cut short or has been altered."""
+
+class UnsupportedError(VhsError, NotImplementedError):
+    """A model or an option asks for something that the renderer does not draw."""

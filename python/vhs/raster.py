@@ -13,7 +13,14 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
-from vhs._core import RasterCanvas, RasterScene
+from vhs._core import (
+    ArgumentError,
+    ProtocolError,
+    RasterCanvas,
+    RasterScene,
+    ShapeError,
+    UnsupportedError,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -69,12 +76,12 @@ class RasterRenderer:
             has_sky: Whether to draw the model's sky and haze; without them the background is black.
 
         Raises:
-            NotImplementedError: The model shows something that is not drawn here; the message names it.
-            ValueError: A size or a number in the model makes no picture.
+            UnsupportedError: The model shows something that is not drawn here; the message names it.
+            ArgumentError, ShapeError, NonFiniteError: A size or a number in the model makes no picture.
         """
         modes = {"off": 0, "multisample": 1, "supersample": 2}
         if antialias not in modes:
-            raise ValueError(f"antialias: expected one of {sorted(modes)}, got {antialias!r}")
+            raise ArgumentError(f"antialias: expected one of {sorted(modes)}, got {antialias!r}")
         self._model = model
         self._height, self._width = height, width
         self._antialias = modes[antialias]
@@ -141,8 +148,10 @@ class RasterRenderer:
             scene_option: A `mujoco.MjvOption`; its groups and static flag choose what is drawn.
 
         Raises:
-            ValueError: There is no such camera, or a pose is NaN or infinite; the last scene stays.
-            NotImplementedError: `scene_option` asks for decorations that are not drawn here.
+            ArgumentError: There is no such camera; the last scene stays.
+            NonFiniteError: A pose is NaN or infinite; the last scene stays.
+            ProtocolError: The renderer is closed.
+            UnsupportedError: `scene_option` asks for decorations that are not drawn here.
         """
         canvas = self._open_canvas()
         if data is not self._bound:
@@ -168,8 +177,8 @@ class RasterRenderer:
             `out`, or the new array.
 
         Raises:
-            ValueError: `out` has another shape.
-            RuntimeError: The renderer is closed.
+            ShapeError: `out` has another shape.
+            ProtocolError: The renderer is closed.
         """
         canvas = self._open_canvas()
         shape, dtype = self._expected()
@@ -177,7 +186,7 @@ class RasterRenderer:
             out = np.empty(shape, dtype)
         is_planar = self._mode == "colour" and out.shape == (3, self._height, self._width) != shape
         if out.shape != shape and not is_planar:
-            raise ValueError(f"out: expected shape {shape} when rendering {self._mode}, got {out.shape}")
+            raise ShapeError(f"`out`: expected shape {shape} when rendering {self._mode}, got {out.shape}")
         target = out if out.dtype == dtype and out.flags.c_contiguous else np.empty(out.shape, dtype)
         if self._mode == "depth":
             canvas.draw_depth(target)
@@ -211,7 +220,7 @@ class RasterRenderer:
         if out is None:
             out = np.empty((len(datas), *shape), dtype)
         if len(out) != len(datas):
-            raise ValueError(f"out: expected {len(datas)} pictures, got {len(out)}")
+            raise ShapeError(f"`out`: expected {len(datas)} pictures, got {len(out)}")
         for data, picture in zip(datas, out, strict=True):
             self.update_scene(data, camera, scene_option)
             self.render(out=picture)
@@ -232,7 +241,7 @@ class RasterRenderer:
 
     def _open_canvas(self) -> RasterCanvas:
         if self._canvas is None:
-            raise RuntimeError("the renderer is closed")
+            raise ProtocolError("renderer: expected an open one, found it closed")
         return self._canvas
 
     def _expected(self) -> tuple[tuple[int, ...], type[np.generic]]:
@@ -261,7 +270,7 @@ class RasterRenderer:
             geoms &= model.body_weldid[model.geom_bodyid] != 0
             sites &= model.body_weldid[model.site_bodyid] != 0
         if np.any(geoms & (model.geom_type == _GEOM_HFIELD)):
-            raise NotImplementedError("not drawn by this renderer: height field")
+            raise UnsupportedError("not drawn by this renderer: height field")
         canvas.set_visible(np.concatenate([geoms, sites]))
         self._visibility_key = key
 
@@ -269,11 +278,11 @@ class RasterRenderer:
         """Number of a fixed camera or -1, gaze of any other camera, and lens."""
         if isinstance(camera, str):
             if camera not in self._camera_numbers:
-                raise ValueError(f"camera: expected one of {sorted(self._camera_numbers)}, got {camera!r}")
+                raise ArgumentError(f"camera: expected one of {sorted(self._camera_numbers)}, got {camera!r}")
             camera = self._camera_numbers[camera]
         if isinstance(camera, int | np.integer):
             if not -1 <= camera < len(self._lenses):
-                raise ValueError(
+                raise ArgumentError(
                     f"camera: expected a number from -1 to {len(self._lenses) - 1}, got {camera}"
                 )
             if camera >= 0:
@@ -287,11 +296,11 @@ class RasterRenderer:
             return self._orbit(camera.lookat, camera.distance, camera)
         if camera.type == _CAMERA_TRACKING:
             if not 0 <= camera.trackbodyid < self._model.nbody:
-                raise ValueError(
+                raise ArgumentError(
                     f"camera: expected a body number below {self._model.nbody}, got {camera.trackbodyid}"
                 )
             return self._orbit(data.subtree_com[camera.trackbodyid], camera.distance, camera)
-        raise NotImplementedError(f"not drawn by this renderer: camera type {camera.type}")
+        raise UnsupportedError(f"not drawn by this renderer: camera type {camera.type}")
 
     def _orbit(self, look_at: Any, distance: float, angles: Any) -> tuple[int, Any, list[float]]:
         gaze = RasterCanvas.orbit(list(look_at), distance, angles.azimuth, angles.elevation)
@@ -314,18 +323,18 @@ def _refuse_what_is_not_drawn(model: Any) -> None:
     }
     for name, is_there in found.items():
         if is_there:
-            raise NotImplementedError(f"not drawn by this renderer: {name}")
+            raise UnsupportedError(f"not drawn by this renderer: {name}")
 
 
 def _refuse_decorations(option: Any) -> None:
     """Raises for options that change the picture in ways that are not drawn here."""
     if option.label or option.frame:
-        raise NotImplementedError("not drawn by this renderer: labels and frames")
+        raise UnsupportedError("not drawn by this renderer: labels and frames")
     if not option.flags[_VIS_TEXTURE]:
-        raise NotImplementedError("not drawn by this renderer: a scene without its textures")
+        raise UnsupportedError("not drawn by this renderer: a scene without its textures")
     unusual = {i for i, flag in enumerate(option.flags) if flag} - _SILENT_FLAGS
     if unusual:
-        raise NotImplementedError(f"not drawn by this renderer: visualization flags {sorted(unusual)}")
+        raise UnsupportedError(f"not drawn by this renderer: visualization flags {sorted(unusual)}")
 
 
 def _scene_of(model: Any, has_sky: bool) -> RasterScene:
@@ -360,7 +369,7 @@ def _add_texture(scene: RasterScene, model: Any, index: int) -> int:
     start, channels = model.tex_adr[index], model.tex_nchannel[index]
     shape = (model.tex_height[index], model.tex_width[index], channels)
     if channels not in (3, 4):
-        raise NotImplementedError(f"not drawn by this renderer: texture {index} with {channels} channels")
+        raise UnsupportedError(f"not drawn by this renderer: texture {index} with {channels} channels")
     data = model.tex_data[start : start + np.prod(shape)].reshape(shape)
     if model.tex_colorspace[index] == _COLOURSPACE_SRGB and model.tex_type[index] == _TEXTURE_2D:
         # OpenGL decodes such textures when they are read and writes the result as it is.

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import vhs
+from vhs._core import RasterCanvas, RasterScene
 
 from .naive import FRAME_SHAPE
 from .test_episodes import make_buffer
@@ -98,6 +99,53 @@ def sample(*arguments: object, **out: object) -> Call:
 
 def restore(**changes: object) -> Call:
     return lambda world: world.prototypes.load_state_dict(world.prototypes.state_dict() | changes)
+
+
+def new_scene() -> RasterScene:
+    """A scene with one ball."""
+    scene = RasterScene(8, 4, 1, 10.0)
+    add_geom(scene, 2)
+    return scene
+
+
+def add_geom(scene: RasterScene, kind: int) -> None:
+    scene.add_geom(
+        kind=kind, size=[0.5] * 3, mesh=-1, rgba=[1.0] * 4, gloss=[0.0] * 3, is_mirror=False, texture=-1,
+        repeat=[1.0] * 2, is_uniform=False, tag=[0, 5],
+    )  # fmt: skip
+
+
+def new_canvas(height: int = 5) -> RasterCanvas:
+    return RasterCanvas(new_scene(), 1, [], height, 5, 0)
+
+
+def posed_canvas(x: float) -> RasterCanvas:
+    """A canvas that is bound to a simulation of one ball at `x` and one camera."""
+    at, turned, none = np.array([[x, 0.0, 0.0]]), np.eye(3).reshape(1, 9), np.zeros((0, 3))
+    canvas = new_canvas()
+    canvas.bind(at, turned, none, np.zeros((0, 9)), none, none, np.zeros((1, 3)), turned)
+    return canvas
+
+
+def raster_geom(kind: int) -> Call:
+    return lambda _: add_geom(new_scene(), kind)
+
+
+def raster_texture(data: np.ndarray) -> Call:
+    return lambda _: new_scene().add_texture(False, data)
+
+
+def raster_mesh(**changes: np.ndarray) -> Call:
+    floats, ints = np.zeros((3, 3), np.float32), np.zeros((1, 3), np.int32)
+    mesh = {
+        "vertices": floats, "normals": floats, "uv": np.zeros((0, 2), np.float32), "faces": ints,
+        "face_normals": ints, "face_uv": np.zeros((0, 3), np.int32),
+    }  # fmt: skip
+    return lambda _: new_scene().add_mesh(**(mesh | changes))
+
+
+def raster_canvas(**changes: int) -> Call:
+    return lambda _: new_canvas(**changes)
 
 
 NAN, INF = float("nan"), float("inf")
@@ -395,5 +443,48 @@ BAD_CALLS: list[tuple[type[Exception], str, Call]] = [
         vhs.ShapeError,
         "`state`: expected shape [4], got [2]",
         lambda _: vhs.Rng.from_state(np.ones(2, np.uint64)),
+    ),
+    # The renderer
+    (vhs.UnsupportedError, "not drawn by this renderer: geom type 9", raster_geom(9)),
+    (
+        vhs.ShapeError,
+        "`texture`: expected shape [height, width, channels], got [2, 3]",
+        raster_texture(FRAME),
+    ),
+    (
+        vhs.ArgumentError,
+        "texture channels: expected 3 or 4, got 2",
+        raster_texture(np.zeros((4, 4, 2), np.uint8)),
+    ),
+    (
+        vhs.LayoutError,
+        "`texture`: expected a C-contiguous array",
+        raster_texture(np.zeros((4, 4, 4), np.uint8)[:, ::2]),
+    ),
+    (
+        vhs.ShapeError,
+        "`vertices`: expected shape [n, 3], got [1, 2]",
+        raster_mesh(vertices=np.zeros((1, 2), np.float32)),
+    ),
+    (
+        vhs.ArgumentError,
+        "faces: expected indices of at least 0, got -1",
+        raster_mesh(faces=np.full((1, 3), -1, np.int32)),
+    ),
+    (vhs.ArgumentError, "picture height: expected 1 to 8192, got 0", raster_canvas(height=0)),
+    (
+        vhs.ShapeError,
+        "picture bytes: expected 75 values, got 12",
+        lambda _: new_canvas().draw(np.zeros((2, 2, 3), np.uint8), False),
+    ),
+    (
+        vhs.ProtocolError,
+        "`update`: expected a bound simulation, found none",
+        lambda _: new_canvas().update(0, None, [45.0], 0.01, 10.0),
+    ),
+    (
+        vhs.NonFiniteError,
+        "pose of geom 0: expected finite numbers, got NaN or infinity",
+        lambda _: posed_canvas(NAN).update(0, None, [45.0], 0.01, 10.0),
     ),
 ]

@@ -94,6 +94,7 @@ def test_every_error_class_has_a_row_above() -> None:
         (vhs.ProtocolError, RuntimeError),
         (vhs.OutOfMemoryError, MemoryError),
         (vhs.DamagedFileError, ValueError),
+        (vhs.UnsupportedError, NotImplementedError),
     ],
 )
 def test_errors_derive_from_the_fitting_builtin(error: type[Exception], builtin: type[Exception]) -> None:

@@ -5,13 +5,14 @@
 //! bare `_core` they could not be pickled.
 
 use pyo3::exceptions::{
-    PyException, PyIndexError, PyLookupError, PyMemoryError, PyOSError, PyRuntimeError,
-    PyTypeError, PyValueError,
+    PyException, PyIndexError, PyLookupError, PyMemoryError, PyNotImplementedError, PyOSError,
+    PyRuntimeError, PyTypeError, PyValueError,
 };
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyTuple, PyType};
 use vhs_core::error::Error;
+use vhs_raster::Error as RasterError;
 
 /// The exception classes, in the order of `CLASSES`.
 #[derive(Clone, Copy)]
@@ -28,10 +29,11 @@ enum Kind {
     Protocol,
     Memory,
     DamagedFile,
+    Unsupported,
 }
 
 /// Name and documentation of each class.
-const CLASSES: [(&str, &str); 12] = [
+const CLASSES: [(&str, &str); 13] = [
     (
         "VhsError",
         "Base of everything that vhs refuses, except errors of the operating system (OSError).",
@@ -71,6 +73,10 @@ const CLASSES: [(&str, &str); 12] = [
         "DamagedFileError",
         "A file is not one of ours, is cut short or has been altered.",
     ),
+    (
+        "UnsupportedError",
+        "A model or an option asks for something that the renderer does not draw.",
+    ),
 ];
 
 static TYPES: PyOnceLock<Vec<Py<PyType>>> = PyOnceLock::new();
@@ -98,6 +104,38 @@ pub(crate) fn to_py(error: Error) -> PyErr {
         _ => Kind::Base,
     };
     raise(kind, error.to_string())
+}
+
+/// The Python exception for an error of the renderer.
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "the signature that `map_err` wants"
+)]
+pub(crate) fn raster_to_py(error: RasterError) -> PyErr {
+    let kind = match &error {
+        RasterError::Length { .. } => Kind::Shape,
+        RasterError::NotFinite { .. } => Kind::NonFinite,
+        RasterError::Index { .. } | RasterError::Range { .. } => Kind::Argument,
+        RasterError::Unsupported { .. } => Kind::Unsupported,
+        _ => Kind::Base,
+    };
+    raise(kind, error.to_string())
+}
+
+/// A shape that cannot be written as a list of sizes, such as one with a free axis.
+pub(crate) fn shape(field: &str, expected: &str, got: &[usize]) -> PyErr {
+    raise(
+        Kind::Shape,
+        format!("`{field}`: expected shape {expected}, got {got:?}"),
+    )
+}
+
+/// A call that another call must come before.
+pub(crate) fn protocol(call: &str, expected: &str, found: &str) -> PyErr {
+    raise(
+        Kind::Protocol,
+        format!("`{call}`: expected {expected}, found {found}"),
+    )
 }
 
 /// A wrong dtype: Python's own matter, the core only knows typed slices.
@@ -155,6 +193,7 @@ fn types(py: Python<'_>) -> PyResult<&Vec<Py<PyType>>> {
             py.get_type::<PyRuntimeError>(),
             py.get_type::<PyMemoryError>(),
             py.get_type::<PyValueError>(),
+            py.get_type::<PyNotImplementedError>(),
         ];
         let mut types: Vec<Py<PyType>> = Vec::new();
         for ((name, doc), builtin) in CLASSES.iter().zip(&builtins) {

@@ -15,43 +15,40 @@ use numpy::{
     PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyReadwriteArrayDyn,
     PyUntypedArrayMethods,
 };
-use pyo3::exceptions::{PyNotImplementedError, PyValueError};
 use pyo3::prelude::*;
-use vhs_raster as raster;
 use vhs_raster::{
-    Antialias, Camera, Canvas, Geom, Haze, Layout, Lens, Light, LightKind, MeshData, Scene,
+    Antialias, Camera, Canvas, Error, Geom, Haze, Layout, Lens, Light, LightKind, MeshData, Scene,
     SceneSpec, Shape, Surface, Tessellation, Texture, TextureKind, TextureUse, View,
 };
 
-fn to_py(error: raster::Error) -> PyErr {
-    match error {
-        raster::Error::Unsupported { .. } => PyNotImplementedError::new_err(error.to_string()),
-        _ => PyValueError::new_err(error.to_string()),
-    }
+use crate::error::{layout, protocol, raster_to_py as to_py, shape};
+
+/// The error for an array that has gaps between its rows.
+fn gaps(field: &'static str) -> impl Fn(numpy::AsSliceError) -> PyErr {
+    move |_| layout(field, "a C-contiguous array", "one with strides")
 }
 
 /// Rows of `N` numbers from an array whose last axis has that length.
 fn rows<T: numpy::Element + Copy, const N: usize>(
+    field: &'static str,
     array: &PyReadonlyArray2<'_, T>,
 ) -> PyResult<Vec<[T; N]>> {
-    let (rows, rest) = array.as_slice()?.as_chunks::<N>();
+    let (rows, rest) = array.as_slice().map_err(gaps(field))?.as_chunks::<N>();
     if array.shape()[1] != N || !rest.is_empty() {
-        let found = array.shape();
-        return Err(PyValueError::new_err(format!(
-            "expected an array of shape (n, {N}), got {found:?}"
-        )));
+        return Err(shape(field, &format!("[n, {N}]"), array.shape()));
     }
     Ok(rows.to_vec())
 }
 
 /// Indices as MuJoCo stores them: i32, never negative here.
-fn indices(array: &PyReadonlyArray2<'_, i32>) -> PyResult<Vec<[u32; 3]>> {
-    let corners = rows::<i32, 3>(array)?;
-    let is_valid = corners.iter().flatten().all(|&i| i >= 0);
-    if !is_valid {
-        return Err(PyValueError::new_err(
-            "expected indices of at least 0, got a negative one",
-        ));
+fn indices(field: &'static str, array: &PyReadonlyArray2<'_, i32>) -> PyResult<Vec<[u32; 3]>> {
+    let corners = rows::<i32, 3>(field, array)?;
+    if let Some(negative) = corners.iter().flatten().find(|&&i| i < 0) {
+        return Err(to_py(Error::Range {
+            what: field,
+            expected: "indices of at least 0",
+            got: negative.to_string(),
+        }));
     }
     Ok(corners.iter().map(|c| c.map(i32::cast_unsigned)).collect())
 }
@@ -93,18 +90,21 @@ impl RasterScene {
     /// Adds a texture of shape [height, width, channels] and returns its number.
     fn add_texture(&self, is_cube: bool, data: PyReadonlyArrayDyn<'_, u8>) -> PyResult<usize> {
         let &[height, width, channels] = data.shape() else {
-            return Err(PyValueError::new_err(format!(
-                "texture: expected 3 axes, got {:?}",
-                data.shape()
-            )));
+            return Err(shape("texture", "[height, width, channels]", data.shape()));
         };
         let kind = if is_cube {
             TextureKind::Cube
         } else {
             TextureKind::Flat
         };
-        let texture =
-            Texture::new(kind, width, height, channels, data.as_slice()?).map_err(to_py)?;
+        let texture = Texture::new(
+            kind,
+            width,
+            height,
+            channels,
+            data.as_slice().map_err(gaps("texture"))?,
+        )
+        .map_err(to_py)?;
         let mut spec = lock(&self.spec);
         spec.textures.push(texture);
         Ok(spec.textures.len() - 1)
@@ -121,12 +121,12 @@ impl RasterScene {
         face_uv: PyReadonlyArray2<'_, i32>,
     ) -> PyResult<usize> {
         let mesh = MeshData {
-            vertices: rows(&vertices)?,
-            normals: rows(&normals)?,
-            uv: rows(&uv)?,
-            faces: indices(&faces)?,
-            face_normals: indices(&face_normals)?,
-            face_uv: indices(&face_uv)?,
+            vertices: rows("vertices", &vertices)?,
+            normals: rows("normals", &normals)?,
+            uv: rows("uv", &uv)?,
+            faces: indices("faces", &faces)?,
+            face_normals: indices("face_normals", &face_normals)?,
+            face_uv: indices("face_uv", &face_uv)?,
         };
         let mut spec = lock(&self.spec);
         spec.meshes.push(mesh);
@@ -228,9 +228,9 @@ fn shape_of(kind: i32, size: [f64; 3], mesh: i32) -> PyResult<Shape> {
             half_size: small,
         },
         _ => {
-            return Err(PyNotImplementedError::new_err(format!(
-                "not drawn by this renderer: geom type {kind}"
-            )));
+            return Err(to_py(Error::Unsupported {
+                what: format!("geom type {kind}"),
+            }));
         }
     })
 }
@@ -344,7 +344,7 @@ impl RasterCanvas {
     fn set_visible(&self, is_visible: PyReadonlyArray1<'_, bool>) -> PyResult<()> {
         lock(&self.state)
             .view
-            .set_visible(is_visible.as_slice()?)
+            .set_visible(is_visible.as_slice().map_err(gaps("is_visible"))?)
             .map_err(to_py)
     }
 
@@ -365,7 +365,7 @@ impl RasterCanvas {
         let feed = state
             .feed
             .as_ref()
-            .ok_or_else(|| PyValueError::new_err("no simulation is bound"))?;
+            .ok_or_else(|| protocol("update", "a bound simulation", "none"))?;
         let view = &mut state.view;
         feed.read_poses(py, view, self.geoms)?;
         feed.read_lights(py, view, &state.lights)?;
@@ -382,7 +382,13 @@ impl RasterCanvas {
                 left,
                 right,
             },
-            _ => return Err(PyValueError::new_err("lens: expected 1, 2 or 4 numbers")),
+            _ => {
+                return Err(to_py(Error::Range {
+                    what: "lens",
+                    expected: "1, 2 or 4 numbers",
+                    got: lens.len().to_string(),
+                }));
+            }
         };
         view.set_camera(Camera {
             position,
@@ -402,7 +408,7 @@ impl RasterCanvas {
         mut out: PyReadwriteArrayDyn<'_, u8>,
         is_planar: bool,
     ) -> PyResult<()> {
-        let out = out.as_slice_mut()?;
+        let out = out.as_slice_mut().map_err(gaps("out"))?;
         let layout = if is_planar {
             Layout::Planar
         } else {
@@ -418,7 +424,7 @@ impl RasterCanvas {
 
     /// Draws distances in metres into `out`, float32 [height, width].
     fn draw_depth(&self, py: Python<'_>, mut out: PyReadwriteArrayDyn<'_, f32>) -> PyResult<()> {
-        let out = out.as_slice_mut()?;
+        let out = out.as_slice_mut().map_err(gaps("out"))?;
         py.detach(|| {
             let mut state = lock(&self.state);
             let State { view, canvas, .. } = &mut *state;
@@ -429,7 +435,7 @@ impl RasterCanvas {
 
     /// Draws object number and type into `out`, int32 [height, width, 2].
     fn draw_tags(&self, py: Python<'_>, mut out: PyReadwriteArrayDyn<'_, i32>) -> PyResult<()> {
-        let out = out.as_slice_mut()?;
+        let out = out.as_slice_mut().map_err(gaps("out"))?;
         py.detach(|| {
             let mut state = lock(&self.state);
             let State { view, canvas, .. } = &mut *state;
@@ -451,14 +457,22 @@ impl Feed {
             self.geom_xpos.bind(py).readonly(),
             self.geom_xmat.bind(py).readonly(),
         );
-        view.set_poses(0, position.as_slice()?, rotation.as_slice()?)
-            .map_err(to_py)?;
+        view.set_poses(
+            0,
+            position.as_slice().map_err(gaps("position"))?,
+            rotation.as_slice().map_err(gaps("rotation"))?,
+        )
+        .map_err(to_py)?;
         let (position, rotation) = (
             self.site_xpos.bind(py).readonly(),
             self.site_xmat.bind(py).readonly(),
         );
-        view.set_poses(geoms, position.as_slice()?, rotation.as_slice()?)
-            .map_err(to_py)
+        view.set_poses(
+            geoms,
+            position.as_slice().map_err(gaps("position"))?,
+            rotation.as_slice().map_err(gaps("rotation"))?,
+        )
+        .map_err(to_py)
     }
 
     fn read_lights(
@@ -471,7 +485,10 @@ impl Feed {
             self.light_xpos.bind(py).readonly(),
             self.light_xdir.bind(py).readonly(),
         );
-        let (position, direction) = (position.as_slice()?, direction.as_slice()?);
+        let (position, direction) = (
+            position.as_slice().map_err(gaps("position"))?,
+            direction.as_slice().map_err(gaps("direction"))?,
+        );
         for (index, light) in lights.iter().enumerate() {
             if let Some(light) = light {
                 let (at, towards) = (three(position, *light)?, three(direction, *light)?);
@@ -482,14 +499,19 @@ impl Feed {
     }
 
     fn gaze_of(&self, py: Python<'_>, camera: i64) -> PyResult<Gaze> {
-        let camera =
-            usize::try_from(camera).map_err(|_| PyValueError::new_err("no camera is given"))?;
+        let camera = usize::try_from(camera).map_err(|_| {
+            to_py(Error::Range {
+                what: "camera",
+                expected: "a number of at least 0, or a gaze",
+                got: camera.to_string(),
+            })
+        })?;
         let (position, rotation) = (
             self.cam_xpos.bind(py).readonly(),
             self.cam_xmat.bind(py).readonly(),
         );
-        let position = three(position.as_slice()?, camera)?;
-        let rotation = rotation.as_slice()?;
+        let position = three(position.as_slice().map_err(gaps("position"))?, camera)?;
+        let rotation = rotation.as_slice().map_err(gaps("rotation"))?;
         let [x, y, z] = [
             three(rotation, 3 * camera)?,
             three(rotation, 3 * camera + 1)?,
@@ -506,5 +528,11 @@ fn three(values: &[f64], index: usize) -> PyResult<[f64; 3]> {
         .0
         .get(index)
         .copied()
-        .ok_or_else(|| PyValueError::new_err("the simulation changed its size"))
+        .ok_or_else(|| {
+            to_py(Error::Index {
+                what: "row of the simulation",
+                index,
+                len: values.len() / 3,
+            })
+        })
 }

@@ -8,9 +8,10 @@ use crate::fill::{Colours, Fill, Job, Scratch};
 use crate::frame::{Frame, Into, Listed, SKY_REACH, is_seen_from_behind, origin_of};
 use crate::lanes::Kind;
 use crate::light::Lamps;
+use crate::nodes::NodeCache;
 use crate::prepare::{Part, Scene};
 use crate::scene::Shape;
-use crate::shade::{NodeCache, Role, Shader};
+use crate::shade::{Role, Shader};
 use crate::view::{Projection, View, dot64};
 
 /// How edges are smoothed.

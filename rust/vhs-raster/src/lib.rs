@@ -54,6 +54,7 @@ mod frame;
 mod lanes;
 mod light;
 mod math;
+mod nodes;
 mod paint;
 mod prepare;
 mod round;
