@@ -657,10 +657,10 @@ def discounted_returns(
         NonFiniteError: For NaN or infinity inside an episode.
     """
 
-# The two ends of a rollout pool, for `vhs.rollout` alone: `RolloutPool` is the face for users. `sizes` are num_workers,
-# envs_per_worker, action_bytes, observation_bytes, blob_bytes; `offsets` where in the shared memory lie the first
-# payload, from one payload to the next, from a payload to its observation and to its final observation, the first blob,
-# from one blob to the next, and the end, all in bytes.
+# The two ends of a rollout pool, for `vhs.rollout` alone: `RolloutPool` is the face for users. `sizes` are
+# num_workers, envs_per_worker, action_bytes, observation_bytes, blob_bytes; `offsets` where in the shared
+# memory lie the first payload, from one payload to the next, from a payload to its observation and to its
+# final observation, the first blob, from one blob to the next, and the end, all in bytes.
 
 @final
 class RolloutLearner:
@@ -672,7 +672,10 @@ class RolloutLearner:
         deadline_s: float | None,
         dump_signal: int,
     ) -> RolloutLearner:
-        """Make the shared memory and listen for deaths; `leaves` are offset and size of an observation's parts."""
+        """Make the shared memory and listen for deaths.
+
+        `leaves` are offset and size of an observation's parts, in bytes.
+        """
 
     @property
     def memory(self) -> int:
@@ -686,7 +689,7 @@ class RolloutLearner:
 
     @property
     def columns(self) -> tuple[list[int], list[int], list[int]]:
-        """Where in a block lie the scalar columns, the observation's leaves and the final observation's, in bytes."""
+        """Where in a block lie scalar columns, observation leaves and final observation leaves, in bytes."""
 
     def send(
         self,
@@ -696,10 +699,16 @@ class RolloutLearner:
         version: int,
         blob: bytes,
     ) -> None:
-        """Give a command to each environment; `actions` are offset and size of a row, and the rows, contiguous."""
+        """Give a command to each environment.
+
+        `actions` are offset and size of a row in bytes, and the rows, contiguous.
+        """
 
     def wait(self, wanted: int, limit_s: float) -> bool:
-        """Whether so many answers lie ready; False after `limit_s`, or when a death or a notice wants attention."""
+        """Whether so many answers lie ready.
+
+        False after `limit_s`, or when a death or a notice wants attention.
+        """
 
     def recv(self, block: NDArray[np.uint8], wanted: int, limit_s: float) -> tuple[int, int, int] | None:
         """Wait as `wait` and fill the block: rows, rows with a final observation, rows to look at."""
