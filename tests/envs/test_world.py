@@ -91,6 +91,19 @@ def test_a_long_walk_stays_on_the_lattice_and_touches_nothing(blind_room: RoomEn
     assert worst_deg < 0.1
 
 
+def test_the_camera_is_up_to_date_with_the_joints_after_a_movement(
+    blind_room: RoomEnv, arrange: Arrange
+) -> None:
+    arrange(blind_room, Pose(0.0, 0.0, 1))
+    world = blind_room.world
+    for action in (MOVE_FORWARD, TURN_LEFT):
+        blind_room.step(action)
+        x_m, y_m, yaw_rad = world.measured_pose
+        forward_m = CONFIG.camera_forward_m
+        expected = (x_m + forward_m * math.cos(yaw_rad), y_m + forward_m * math.sin(yaw_rad), 0.6)
+        assert world.data.cam("first_person").xpos == pytest.approx(expected, abs=1e-12)
+
+
 @pytest.mark.parametrize(
     ("heading", "wall"), [(0, "wall_right"), (2, "wall_ahead"), (4, "wall_left"), (6, "wall_behind")]
 )
