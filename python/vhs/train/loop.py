@@ -63,7 +63,7 @@ def train(config: Config, run: Path, stream: TextIO | None = None) -> bool:
             log.say(f"resuming {run} at episode {session.progress.episodes}")
         while not (session.is_finished or stop.is_set):
             session.advance(log)
-        session.save()
+        session.finish(log)
         if session.is_finished:
             log.say(f"finished: {run} ({session.progress.episodes} episodes)\nevaluate it:  vhs eval {run}")
         else:
@@ -141,6 +141,12 @@ class _Session:
         self._window = Window()
         self._row_clock, self._row_steps = now, self.progress.env_steps
         return row
+
+    def finish(self, log: RunLog) -> None:
+        """Save; episodes since the last row get a shorter row of their own, so that the log misses none."""
+        if self._window.episodes:
+            log.write(self._row())
+        self.save()
 
     def save(self) -> None:
         """Write a checkpoint of everything but the episodes that are still running."""
