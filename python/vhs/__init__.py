@@ -32,6 +32,7 @@ from vhs._core import (
     WindowBatch,
     discounted_returns,
     relabel,
+    stack_channels,
 )
 from vhs._core import __version__ as __version__
 from vhs.outcome import Outcome
@@ -72,6 +73,7 @@ __all__ = [
     "WindowBatch",
     "discounted_returns",
     "relabel",
+    "stack_channels",
 ]
 
 

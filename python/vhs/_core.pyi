@@ -53,6 +53,7 @@ __all__ = [
     "WindowBatch",
     "discounted_returns",
     "relabel",
+    "stack_channels",
 ]
 
 __version__: str
@@ -1072,6 +1073,22 @@ def discounted_returns(
     Raises:
         ShapeError, DtypeError, LabelError, ArgumentError: For an argument that does not fit.
         NonFiniteError: For NaN or infinity inside an episode.
+    """
+
+def stack_channels(
+    observations: NDArray[np.uint8], *, out: NDArray[np.uint8] | None = None
+) -> NDArray[np.uint8]:
+    """Stacked frames as the channels of one picture: the layout in which convolutions read them.
+
+    Args:
+        observations: uint8 [N, stack, height, width, colours], as `EpisodeBuffer.observe` and `gather` give.
+        out: uint8 [N, height, width, stack * colours], written and returned.
+
+    Returns:
+        uint8 [N, height, width, stack * colours]: of each pixel the oldest frame's colours first.
+
+    Raises:
+        ShapeError, DtypeError, LayoutError: For an array that does not fit.
     """
 
 @final

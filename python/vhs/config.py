@@ -90,6 +90,9 @@ class MethodSection(_Section):
     """Outcomes that are relabelled (paper: failure; its ablation adds timeout)."""
     vhs_weight: NonNegativeFloat = 1.0
     """Weight of the self-imitation loss (paper: beta, no number given)."""
+    hindsight_goal: Literal["feature", "prototype"] = "feature"
+    """Goal of a relabelled episode: `feature` is f(o_T) (paper); `prototype` the class prototype nearest to
+    f(o_T) in angle, which is what the policy is asked for when acting."""
     value_target: Literal["behaviour", "hindsight_return"] = "behaviour"
     """Target of the hindsight value: the critic's value when acting (paper), or the return as if it had
     succeeded."""
@@ -104,6 +107,10 @@ class TrainSection(_Section):
     """Episodes behind an optimiser step (paper: 1; a trial with 16 needed 2.7 times the episodes of 4)."""
     learning_rate: PositiveFloat = 3e-4
     """Adam with AMSGrad (paper: 1e-4 for one episode an update)."""
+    learning_rate_end: PositiveFloat | None = None
+    """Learning rate from `schedule_episodes` on, reached linearly; null keeps `learning_rate` (paper)."""
+    schedule_episodes: PositiveInt = 50_000
+    """Episodes over which learning rate and entropy weight move to their ends."""
     gamma: Probability = 0.99
     """Discount (paper: 0.99)."""
     reward_scale: PositiveFloat = 0.1
@@ -111,6 +118,9 @@ class TrainSection(_Section):
     value_weight: NonNegativeFloat = 0.5
     entropy_weight: NonNegativeFloat = 0.01
     """Entropy coefficient (paper: 0.01)."""
+    entropy_weight_end: NonNegativeFloat | None = None
+    """Entropy coefficient from `schedule_episodes` on, reached linearly; null keeps `entropy_weight`
+    (paper)."""
     max_grad_norm: PositiveFloat = 10.0
     """Gradient clip (paper: 10)."""
     precision: Literal["auto", "float32", "bfloat16"] = "auto"

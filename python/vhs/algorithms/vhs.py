@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
+from torch.nn.functional import normalize
 
 from vhs import EpisodeBatch, GoalStore, Hindsight, Prototypes, Rng, discounted_returns, relabel
 from vhs.config import MethodSection, TrainSection
@@ -63,7 +64,9 @@ class VHS:
         self.agent = agent
         self.goal_store = goal_store
         self.prototypes = prototypes
-        self.optimiser = torch.optim.Adam(agent.parameters(), lr=train.learning_rate, amsgrad=True)
+        self.optimiser = torch.optim.Adam(
+            agent.parameters(), lr=train.learning_rate, amsgrad=True, fused=True
+        )
         self.rng = rng
         self.updates = 0
         self._method = method
@@ -135,7 +138,7 @@ class VHS:
         chosen = self._tensor(np.flatnonzero(hindsight.selected))
         rows = self._tensor(batch.offsets).unsqueeze(1) + torch.arange(steps, device=self._device)
         sequences = features[rows.clamp(max=len(features) - 1)]
-        reached = features[self._tensor(hindsight.goal_rows)[chosen]].detach()
+        reached = self._hindsight_goals(features[self._tensor(hindsight.goal_rows)[chosen]].detach())
         log_probs, values, _ = self.agent(
             torch.cat([sequences, sequences[chosen]]),
             torch.cat([goals, reached]),
@@ -160,6 +163,14 @@ class VHS:
             "imitation_value": imitation.value,
         }
 
+    def _hindsight_goals(self, reached: Tensor) -> Tensor:
+        """The goals of relabelled episodes, from their f(o_T), both of shape [R, feature_dim]."""
+        if self._method.hindsight_goal == "feature" or not self.prototypes.seen.all():
+            return reached
+        table = torch.from_numpy(self.prototypes.table).to(self._device)
+        nearest = (reached @ normalize(table, dim=1).T).argmax(dim=1)
+        return table[nearest]
+
     def _hindsight_values(self, batch: EpisodeBatch) -> NDArray[np.float32]:
         """The target v_i of the hindsight value, shape [B, T] (paper: the critic's value when acting)."""
         if self._method.value_target == "behaviour":
@@ -171,7 +182,7 @@ class VHS:
     def _step(self, terms: dict[str, Tensor]) -> float:
         """Weigh the terms and make one optimiser step; the gradient's norm before clipping."""
         loss = terms["policy"] + self._train.value_weight * terms["value"]
-        loss = loss - self._train.entropy_weight * terms["entropy"]
+        loss = loss - self._scheduled("entropy_weight") * terms["entropy"]
         loss = loss + self._method.vhs_weight * (terms["imitation_policy"] + terms["imitation_value"])
         if "supcon" in terms:
             loss = loss + self._method.supcon_weight * terms["supcon"]
@@ -185,8 +196,19 @@ class VHS:
             raise DivergenceError(
                 f"update {self.updates + 1}: expected a finite gradient, found norm {norm.item()}"
             )
+        for group in self.optimiser.param_groups:
+            group["lr"] = self._scheduled("learning_rate")
         self.optimiser.step()
         return norm.item()
+
+    def _scheduled(self, name: str) -> float:
+        """The present value of a number of `train` that may move to `<name>_end` over training."""
+        train = self._train
+        start, end = getattr(train, name), getattr(train, f"{name}_end")
+        if end is None:
+            return float(start)
+        done = min(self.updates * train.episodes_per_update / train.schedule_episodes, 1.0)
+        return float(start + (end - start) * done)
 
     def _sample_goals(self) -> _Goals | None:
         if not self.is_warm:

@@ -69,12 +69,29 @@ class GoalAgent(nn.Module):
         gate = torch.sigmoid(self.gate(goals)).unsqueeze(1)
         kind = self.interaction(interactions).unsqueeze(1).expand(-1, steps, -1)
         inputs = torch.cat([features * gate, gate.expand(-1, steps, -1), kind], dim=-1)
-        before = None if state is None else (state.hidden.unsqueeze(0), state.cell.unsqueeze(0))
-        hidden, (last_hidden, last_cell) = self.lstm(inputs, before)
+        hidden, last = self._remember(inputs, state)
         joined = torch.cat([hidden, kind], dim=-1)
         log_probs = self.policy(joined).log_softmax(-1)
         values = self.value(joined).squeeze(-1)
-        return log_probs, values, RecurrentState(last_hidden[0], last_cell[0])
+        return log_probs, values, last
+
+    def _remember(self, inputs: Tensor, state: RecurrentState | None) -> tuple[Tensor, RecurrentState]:
+        """The LSTM: its hidden states, shape [B, T, hidden_dim], and the state after the last step."""
+        if state is not None and inputs.shape[1] == 1:
+            # Acting: one step of a sequence packs all weights anew on every call, a cell does not.
+            lstm = self.lstm
+            hidden, cell = torch.lstm_cell(
+                inputs[:, 0],
+                state,
+                lstm.weight_ih_l0,
+                lstm.weight_hh_l0,
+                lstm.bias_ih_l0,
+                lstm.bias_hh_l0,
+            )
+            return hidden.unsqueeze(1), RecurrentState(hidden, cell)
+        before = None if state is None else (state.hidden.unsqueeze(0), state.cell.unsqueeze(0))
+        hidden, (last_hidden, last_cell) = self.lstm(inputs, before)
+        return hidden, RecurrentState(last_hidden[0], last_cell[0])
 
 
 def _head(inputs: int, hidden: int, outputs: int) -> nn.Sequential:

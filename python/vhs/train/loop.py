@@ -19,6 +19,7 @@ from vhs.train.checkpoint import has_checkpoint, load_checkpoint, save_checkpoin
 from vhs.train.directory import check_run, open_run
 from vhs.train.interrupt import stop_on_signal
 from vhs.train.log import RunLog, Window
+from vhs.train.memory import keep_freed_memory
 from vhs.train.rollout import EndedEpisode, Rollout, episode_seeds
 
 
@@ -52,6 +53,7 @@ def train(config: Config, run: Path, stream: TextIO | None = None) -> bool:
     check_runnable(config)
     check_run(config, run)
     torch.set_num_threads(config.train.threads)
+    keep_freed_memory()
     session = _Session(config, run)
     open_run(config, run)
     with (

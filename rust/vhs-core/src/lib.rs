@@ -11,6 +11,7 @@
 //! | [`relabel`] | the hindsight rule for whole episodes |
 //! | [`strategy`], [`reward`], [`picks`] | hindsight goals of transitions and windows, and their rewards |
 //! | [`returns`] | discounted returns |
+//! | [`frames`] | stacked frames as the channels of one picture |
 //! | [`persist`] | stores and buffers as files |
 //! | [`pool`] | memory of results, used again |
 //! | [`rng`], [`outcome`], [`error`] | what all of them share |
@@ -20,6 +21,7 @@ pub mod batch;
 pub mod config;
 pub mod episodes;
 pub mod error;
+pub mod frames;
 pub mod goals;
 pub mod outcome;
 pub mod persist;

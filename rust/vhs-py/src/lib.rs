@@ -10,6 +10,7 @@ mod bytes;
 mod episode_arguments;
 mod episodes;
 mod error;
+mod frames;
 mod goals;
 mod hindsight;
 mod prototypes;
@@ -28,6 +29,8 @@ mod _core {
     use crate::batch::EpisodeBatch;
     #[pymodule_export]
     use crate::episodes::EpisodeBuffer;
+    #[pymodule_export]
+    use crate::frames::stack_channels;
     #[pymodule_export]
     use crate::goals::GoalStore;
     #[pymodule_export]

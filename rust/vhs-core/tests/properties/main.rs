@@ -3,6 +3,7 @@
 mod support;
 
 mod episodes;
+mod frames;
 mod goals;
 mod persist;
 mod prototypes;
