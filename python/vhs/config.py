@@ -70,7 +70,7 @@ class MethodSection(_Section):
     supcon_weight: NonNegativeFloat = 0.5
     """Weight of the SupCon loss (paper: 0.5)."""
     supcon_batch: Annotated[int, Field(ge=2)] = 64
-    """Goal images in a SupCon batch (paper: 64)."""
+    """Goal images in a SupCon batch of a learner (paper: 64)."""
     supcon_temperature: PositiveFloat = 0.07
     """Temperature tau_s (paper: 0.07)."""
     warmup: PositiveInt = 150
@@ -105,6 +105,9 @@ class TrainSection(_Section):
     """Episodes until the run is finished."""
     episodes_per_update: PositiveInt = 4
     """Episodes behind an optimiser step (paper: 1; a trial with 16 needed 2.7 times the episodes of 4)."""
+    learners: PositiveInt = 1
+    """Threads that share the episodes of an update; each has a SupCon batch and batch statistics of its own and
+    their gradients are averaged. Two use two cores (paper: 5 asynchronous processes)."""
     learning_rate: PositiveFloat = 3e-4
     """Adam with AMSGrad (paper: 1e-4 for one episode an update)."""
     learning_rate_end: PositiveFloat | None = None
@@ -156,6 +159,15 @@ class Config(_Section):
         if env.min_ready is not None and env.min_ready > env.num_envs:
             raise ValueError(
                 f"env.min_ready: expected at most env.num_envs = {env.num_envs}, found {env.min_ready}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _learners_share_episodes(self) -> Config:
+        if self.train.episodes_per_update % self.train.learners:
+            raise ValueError(
+                f"train.episodes_per_update: expected a multiple of train.learners = {self.train.learners}, "
+                f"found {self.train.episodes_per_update}"
             )
         return self
 

@@ -1,14 +1,15 @@
 """Visual hindsight self-imitation on an actor-critic: paper Algorithm 1 and Eq. 6.
 
-One update embeds every image it needs - episodes and goal images - in one pass of the extractor, so that the
-batch norm normalises f(o_T) and the features behind the prototypes alike; runs the LSTM once over the
-episodes as they happened and, under the goal that they reached, over those that are relabelled; and makes one
-optimiser step.
+Each learner of an update embeds every image it needs - episodes and goal images - in one pass of the extractor,
+so that the batch norm normalises f(o_T) and the features behind the prototypes alike, and runs the LSTM once over
+the episodes as they happened and, under the goal that they reached, over those that are relabelled. One optimiser
+step follows from the mean of their gradients.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from torch import Tensor, nn
 from torch.nn.functional import normalize
 
 from vhs import EpisodeBatch, GoalStore, Hindsight, Prototypes, Rng, discounted_returns, relabel
+from vhs.algorithms.replicas import Replicas
 from vhs.config import MethodSection, TrainSection
 from vhs.errors import DivergenceError
 from vhs.losses import ImitationTerms, actor_critic_loss, hindsight_imitation_loss, supcon_loss
@@ -29,6 +31,23 @@ class _Goals(NamedTuple):
 
     observations: Tensor
     labels: Tensor
+
+
+class _Share(NamedTuple):
+    """What one learner of an update learns from."""
+
+    batch: EpisodeBatch
+    goals: Tensor
+    """The goal embedding each episode was acted under, shape [B, feature_dim]."""
+    hindsight: Hindsight
+    stored: _Goals | None
+
+
+class _Learned(NamedTuple):
+    """What one learner found: unweighted terms, features of its goal images, float32 [n, feature_dim]."""
+
+    terms: dict[str, Tensor]
+    goal_features: Tensor
 
 
 class VHS:
@@ -67,6 +86,7 @@ class VHS:
         self.optimiser = torch.optim.Adam(
             agent.parameters(), lr=train.learning_rate, amsgrad=True, fused=True
         )
+        self._replicas = Replicas(agent, train.learners, train.threads)
         self.rng = rng
         self.updates = 0
         self._method = method
@@ -91,57 +111,70 @@ class VHS:
         """Whether the store holds enough images for SupCon and prototypes."""
         return len(self.goal_store) >= self._method.warmup
 
-    def update(self, batch: EpisodeBatch, goals: Tensor) -> dict[str, float]:
+    def update(self, shares: Sequence[tuple[EpisodeBatch, Tensor]]) -> dict[str, float]:
         """Learn from finished episodes: L = L_RL + supcon_weight L_s + vhs_weight L_VHS (paper Eq. 6).
 
         Args:
-            batch: the episodes.
-            goals: the goal embedding each was acted under, shape [B, feature_dim].
+            shares: one for each of `train.learners`: episodes, and the goal embedding each was acted under, of
+                shape [B, feature_dim].
 
         Returns:
-            The value of each term, unweighted, the gradient's norm before clipping and the share of
-            relabelled episodes.
+            The mean over the learners of each term, unweighted, the gradient's norm before clipping and the
+            share of relabelled episodes.
 
         Raises:
-            DivergenceError: the loss is not finite; the weights are as before.
+            DivergenceError: a loss is not finite; the weights are as before.
         """
-        hindsight = relabel(
-            batch, on=self._method.relabel_on, probability=self._method.relabel_probability, rng=self.rng
-        )
-        stored = self._sample_goals()
-        self.agent.train()
-        episode_features, goal_features = self._embed(batch, stored)
-        terms = self._episode_losses(batch, hindsight, episode_features, goals)
-        if stored is not None:
-            terms["supcon"] = supcon_loss(goal_features, stored.labels, self._method.supcon_temperature)
-        grad_norm = self._step(terms)
-        if stored is not None and self._method.prototype == "running":
-            self.prototypes.update(_numpy(goal_features), _numpy(stored.labels))
+        work = [_Share(batch, goals, self._relabel(batch), self._sample_goals()) for batch, goals in shares]
+        learned = self._replicas.map(self._learn, work)
+        names = learned[0].terms
+        metrics = {name: sum(one.terms[name].item() for one in learned) / len(learned) for name in names}
+        self._check_finite(metrics)
+        self._replicas.merge()
+        metrics["grad_norm"] = self._step()
+        for share, found in zip(work, learned, strict=True):
+            if share.stored is not None and self._method.prototype == "running":
+                self.prototypes.update(_numpy(found.goal_features), _numpy(share.stored.labels))
         self.updates += 1
-        metrics = {name: term.item() for name, term in terms.items()}
-        return metrics | {"grad_norm": grad_norm, "relabelled": float(hindsight.selected.mean())}
+        relabelled = np.concatenate([share.hindsight.selected for share in work])
+        return metrics | {"relabelled": float(relabelled.mean())}
 
-    def _embed(self, batch: EpisodeBatch, stored: _Goals | None) -> tuple[Tensor, Tensor]:
+    def _relabel(self, batch: EpisodeBatch) -> Hindsight:
+        method = self._method
+        return relabel(batch, on=method.relabel_on, probability=method.relabel_probability, rng=self.rng)
+
+    def _learn(self, agent: GoalAgent, share: _Share) -> _Learned:
+        """Losses of one share and, in `agent`, their gradients."""
+        agent.train()
+        agent.zero_grad(set_to_none=True)
+        episode_features, goal_features = self._embed(agent, share)
+        terms = self._episode_losses(agent, share, episode_features)
+        if share.stored is not None:
+            temperature = self._method.supcon_temperature
+            terms["supcon"] = supcon_loss(goal_features, share.stored.labels, temperature)
+        self._weigh(terms).backward()  # type: ignore[no-untyped-call]
+        return _Learned({name: term.detach() for name, term in terms.items()}, goal_features.detach())
+
+    def _embed(self, agent: GoalAgent, share: _Share) -> tuple[Tensor, Tensor]:
         """One extractor pass over the episodes and the goal images: the same batch statistics for both."""
-        observations = torch.from_numpy(batch.observations).to(self._device)
+        observations = torch.from_numpy(share.batch.observations).to(self._device)
         count = len(observations)
-        if stored is not None:
-            observations = torch.cat([observations, stored.observations])
-        features = self.agent.extractor(observations, self.dtype)
+        if share.stored is not None:
+            observations = torch.cat([observations, share.stored.observations])
+        features = agent.extractor(observations, self.dtype)
         return features[:count], features[count:]
 
-    def _episode_losses(
-        self, batch: EpisodeBatch, hindsight: Hindsight, features: Tensor, goals: Tensor
-    ) -> dict[str, Tensor]:
+    def _episode_losses(self, agent: GoalAgent, share: _Share, features: Tensor) -> dict[str, Tensor]:
         """The terms of L_RL on every episode and of L_VHS on the relabelled ones, by one run of the LSTM."""
+        batch, hindsight = share.batch, share.hindsight
         episodes, steps = batch.actions.shape
         chosen = self._tensor(np.flatnonzero(hindsight.selected))
         rows = self._tensor(batch.offsets).unsqueeze(1) + torch.arange(steps, device=self._device)
         sequences = features[rows.clamp(max=len(features) - 1)]
         reached = self._hindsight_goals(features[self._tensor(hindsight.goal_rows)[chosen]].detach())
-        log_probs, values, _ = self.agent(
+        log_probs, values, _ = agent(
             torch.cat([sequences, sequences[chosen]]),
-            torch.cat([goals, reached]),
+            torch.cat([share.goals, reached]),
             torch.cat([self._tensor(batch.interactions), self._tensor(hindsight.interactions)[chosen]]),
         )
         actions, valid = self._tensor(batch.actions), self._tensor(batch.mask).float()
@@ -179,27 +212,29 @@ class VHS:
         rewards[np.arange(len(rewards)), batch.lengths - 1] = self._success_reward
         return discounted_returns(rewards * self._train.reward_scale, batch.lengths, self._train.gamma)
 
-    def _step(self, terms: dict[str, Tensor]) -> float:
-        """Weigh the terms and make one optimiser step; the gradient's norm before clipping."""
+    def _weigh(self, terms: dict[str, Tensor]) -> Tensor:
+        """The weighted sum of the terms."""
         loss = terms["policy"] + self._train.value_weight * terms["value"]
         loss = loss - self._scheduled("entropy_weight") * terms["entropy"]
         loss = loss + self._method.vhs_weight * (terms["imitation_policy"] + terms["imitation_value"])
         if "supcon" in terms:
             loss = loss + self._method.supcon_weight * terms["supcon"]
-        if not torch.isfinite(loss):
-            found = ", ".join(f"{name} {term.item():.3g}" for name, term in terms.items())
+        return loss
+
+    def _check_finite(self, terms: Mapping[str, float]) -> None:
+        if not all(math.isfinite(term) for term in terms.values()):
+            found = ", ".join(f"{name} {term:.3g}" for name, term in terms.items())
             raise DivergenceError(f"update {self.updates + 1}: expected a finite loss, found {found}")
-        self.optimiser.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
-        norm = nn.utils.clip_grad_norm_(self.agent.parameters(), self._train.max_grad_norm)
-        if not torch.isfinite(norm):
-            raise DivergenceError(
-                f"update {self.updates + 1}: expected a finite gradient, found norm {norm.item()}"
-            )
+
+    def _step(self) -> float:
+        """Make one optimiser step from the gradients in `agent`; their norm before clipping."""
+        norm = nn.utils.clip_grad_norm_(self.agent.parameters(), self._train.max_grad_norm).item()
+        if not math.isfinite(norm):
+            raise DivergenceError(f"update {self.updates + 1}: expected a finite gradient, found norm {norm}")
         for group in self.optimiser.param_groups:
             group["lr"] = self._scheduled("learning_rate")
         self.optimiser.step()
-        return norm.item()
+        return norm
 
     def _scheduled(self, name: str) -> float:
         """The present value of a number of `train` that may move to `<name>_end` over training."""
@@ -242,6 +277,7 @@ class VHS:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Return to a state that `state_dict` gave."""
         self.agent.load_state_dict(state["agent"])
+        self._replicas.spread_statistics()
         self.optimiser.load_state_dict(state["optimiser"])
         self.prototypes.load_state_dict(_to_arrays(state["prototypes"]))
         self.rng = Rng.from_state(state["rng"].numpy())

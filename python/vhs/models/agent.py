@@ -79,15 +79,7 @@ class GoalAgent(nn.Module):
         """The LSTM: its hidden states, shape [B, T, hidden_dim], and the state after the last step."""
         if state is not None and inputs.shape[1] == 1:
             # Acting: one step of a sequence packs all weights anew on every call, a cell does not.
-            lstm = self.lstm
-            hidden, cell = torch.lstm_cell(
-                inputs[:, 0],
-                state,
-                lstm.weight_ih_l0,
-                lstm.weight_hh_l0,
-                lstm.bias_ih_l0,
-                lstm.bias_hh_l0,
-            )
+            hidden, cell = torch.lstm_cell(inputs[:, 0], state, *self.lstm.all_weights[0])
             return hidden.unsqueeze(1), RecurrentState(hidden, cell)
         before = None if state is None else (state.hidden.unsqueeze(0), state.cell.unsqueeze(0))
         hidden, (last_hidden, last_cell) = self.lstm(inputs, before)

@@ -117,9 +117,11 @@ class _Session:
     def _learn(self) -> None:
         episodes = [self._waiting.popleft() for _ in range(self._config.train.episodes_per_update)]
         ids = np.array([episode.id for episode in episodes], dtype=np.int64)
-        batch = self._buffer.gather(ids)
         goals = torch.stack([episode.goal_embedding for episode in episodes])
-        self._window.add_update(self._learner.update(batch, goals))
+        learners = self._config.train.learners
+        shares = zip(np.split(ids, learners), goals.chunk(learners), strict=True)
+        metrics = self._learner.update([(self._buffer.gather(own), embedded) for own, embedded in shares])
+        self._window.add_update(metrics)
         self._learner.goal_store.collect(self._buffer, ids)
         self._window.episodes.extend(episodes)
         self.progress.episodes += len(episodes)
