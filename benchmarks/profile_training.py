@@ -10,6 +10,7 @@ that one number adds up to all the work there is.
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import tempfile
 import time
@@ -35,6 +36,7 @@ class Stopwatch:
     """Seconds of each part, without the parts inside it."""
 
     def __init__(self) -> None:
+        """Start at zero."""
         self.seconds: dict[str, float] = defaultdict(float)
         self._stack: list[tuple[str, float]] = []
 
@@ -62,6 +64,7 @@ class Stopwatch:
 
 
 def main() -> None:
+    """Train for a while and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--config", type=Path, action="append", default=[])
     parser.add_argument("--set", action="append", default=[])
@@ -77,14 +80,14 @@ def main() -> None:
     keep_freed_memory()
     with tempfile.TemporaryDirectory() as run:
         session = loop._Session(config, Path(run))
-        log = RunLog(Path(run), config.train.episodes, 0, open("/dev/null", "w"))
+        log = RunLog(Path(run), config.train.episodes, 0, io.StringIO())
         _advance(session, log, options.warm)
         watch.seconds.clear()
         steps, episodes = session.progress.env_steps, session.progress.episodes
         taken = _advance(session, log, options.seconds)
         steps, episodes = session.progress.env_steps - steps, session.progress.episodes - episodes
         session.close()
-    assert steps > 0 and episodes > 0, "nothing was learned from: raise --seconds"
+    assert episodes > 0, "nothing was learned from: raise --seconds"
     rows = dict(sorted(watch.seconds.items(), key=lambda row: -row[1]))
     rows["python glue"] = taken - sum(rows.values())
     print(f"{steps / taken:.0f} steps/s, {steps / episodes:.1f} steps an episode")

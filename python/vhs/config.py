@@ -106,7 +106,7 @@ class TrainSection(_Section):
     episodes_per_update: PositiveInt = 4
     """Episodes behind an optimiser step (paper: 1; a trial with 16 needed 2.7 times the episodes of 4)."""
     learners: PositiveInt = 1
-    """Threads that share the episodes of an update; each has a SupCon batch and batch statistics of its own and
+    """Threads that share the episodes of an update, each with a SupCon batch and batch statistics of its own;
     their gradients are averaged. Two use two cores (paper: 5 asynchronous processes)."""
     learning_rate: PositiveFloat = 3e-4
     """Adam with AMSGrad (paper: 1e-4 for one episode an update)."""

@@ -95,7 +95,7 @@ def test_an_update_changes_every_part_of_the_network() -> None:
     fill_store(vhs)
     before = {name: parameter.detach().clone() for name, parameter in vhs.agent.named_parameters()}
     batch = make_batch([Outcome.SUCCESS, Outcome.FAILURE, Outcome.TIMEOUT])
-    metrics = vhs.update(batch, goals_for(batch))
+    metrics = vhs.update([(batch, goals_for(batch))])
     same = [name for name, parameter in vhs.agent.named_parameters() if torch.equal(parameter, before[name])]
     assert not same
     assert set(metrics) == {
@@ -114,11 +114,11 @@ def test_an_update_changes_every_part_of_the_network() -> None:
 def test_only_failures_are_relabelled() -> None:
     vhs = make_vhs("method.relabel_probability=1.0")
     batch = make_batch([Outcome.SUCCESS, Outcome.FAILURE, Outcome.TIMEOUT, Outcome.FAILURE])
-    metrics = vhs.update(batch, goals_for(batch))
+    metrics = vhs.update([(batch, goals_for(batch))])
     assert metrics["relabelled"] == 0.5
     assert metrics["imitation_policy"] > 0
     none = make_batch([Outcome.SUCCESS, Outcome.TIMEOUT])
-    metrics = vhs.update(none, goals_for(none))
+    metrics = vhs.update([(none, goals_for(none))])
     assert (metrics["relabelled"], metrics["imitation_policy"], metrics["imitation_value"]) == (0.0, 0.0, 0.0)
 
 
@@ -134,7 +134,7 @@ def test_the_hindsight_goal_is_the_detached_feature_of_the_final_observation() -
     own = goals_for(batch)
     vhs.agent.train()
     expected = vhs.agent.extractor(torch.from_numpy(batch.observations))[int(batch.lengths[0])]
-    vhs.update(batch, own)
+    vhs.update([(batch, own)])
     handle.remove()
     (features, goals, interactions) = seen[0]
     assert goals.shape == (2, DIM)
@@ -145,15 +145,41 @@ def test_the_hindsight_goal_is_the_detached_feature_of_the_final_observation() -
     assert interactions.tolist() == [0, 1], "instructed interaction 0, performed interaction 1 (action 4)"
 
 
+def test_prototype_hindsight_takes_the_prototype_nearest_to_what_was_reached() -> None:
+    vhs = make_vhs("method.hindsight_goal=prototype")
+    reached = torch.randn(4, DIM, generator=torch.Generator().manual_seed(2))
+    assert torch.equal(vhs._hindsight_goals(reached), reached), "an empty class leaves the feature"
+    table = np.eye(GOALS, DIM, dtype=np.float32) * np.array([[1.0], [50.0], [2.0]], dtype=np.float32)
+    vhs.prototypes.update(table, [0, 1, 2])
+    near = torch.tensor(table)[[2, 0, 1, 0]] * 3 + 0.1
+    torch.testing.assert_close(vhs._hindsight_goals(near), torch.tensor(table)[[2, 0, 1, 0]])
+
+
+@pytest.mark.parametrize(("updates", "expected"), [(0, 1.0), (5, 0.6), (10, 0.2), (99, 0.2)])
+def test_scheduled_numbers_go_linearly_to_their_end_and_stay(updates: int, expected: float) -> None:
+    ends = [f"train.{name}=1.0" for name in ("learning_rate", "entropy_weight")]
+    ends += [f"train.{name}_end=0.2" for name in ("learning_rate", "entropy_weight")]
+    vhs = make_vhs(*ends, "train.schedule_episodes=20", "train.episodes_per_update=2")
+    vhs.updates = updates
+    assert vhs._scheduled("learning_rate") == pytest.approx(expected)
+    assert vhs._scheduled("entropy_weight") == pytest.approx(expected)
+
+
+def test_numbers_without_an_end_stay() -> None:
+    vhs = make_vhs("train.learning_rate=0.5")
+    vhs.updates = 10**6
+    assert vhs._scheduled("learning_rate") == 0.5
+
+
 def test_prototypes_are_noise_until_the_store_is_warm_and_then_the_mean_of_features() -> None:
     vhs = make_vhs()
     batch = make_batch([Outcome.FAILURE])
     first, second = vhs.embed_goal(0), vhs.embed_goal(0)
     assert not torch.equal(first, second), "an empty class draws a fresh vector for each episode"
-    vhs.update(batch, goals_for(batch))
+    vhs.update([(batch, goals_for(batch))])
     assert not vhs.prototypes.seen.any()
     fill_store(vhs)
-    vhs.update(batch, goals_for(batch))
+    vhs.update([(batch, goals_for(batch))])
     assert vhs.prototypes.seen.all()
     torch.testing.assert_close(vhs.embed_goal(1), vhs.embed_goal(1))
 
@@ -194,7 +220,7 @@ def test_a_step_of_a_relabelled_episode_weighs_as_much_as_any_other() -> None:
     among = make_batch([Outcome.FAILURE, Outcome.TIMEOUT])
     share = alone.lengths.sum() / among.lengths.sum()
     # A policy that starts uniform costs log(5) a relabelled step; the other episode only dilutes it.
-    with_company = vhs.update(among, goals_for(among))["imitation_policy"]
+    with_company = vhs.update([(among, goals_for(among))])["imitation_policy"]
     assert with_company == pytest.approx(np.log(5) * share, rel=0.05)
 
 
@@ -204,7 +230,7 @@ def test_a_loss_that_is_not_finite_is_refused_and_changes_no_weight() -> None:
     goals = goals_for(batch)
     goals[0, 0] = float("nan")
     with frozen_weights(vhs), pytest.raises(DivergenceError, match="update 1: expected a finite loss, found"):
-        vhs.update(batch, goals)
+        vhs.update([(batch, goals)])
 
 
 def test_state_round_trip_gives_the_same_next_update() -> None:
@@ -212,8 +238,8 @@ def test_state_round_trip_gives_the_same_next_update() -> None:
     for vhs in (first, second):
         fill_store(vhs)
     batch = make_batch([Outcome.FAILURE, Outcome.SUCCESS])
-    first.update(batch, goals_for(batch))
+    first.update([(batch, goals_for(batch))])
     second.load_state_dict(first.state_dict())
     second.goal_store.sample(12, balanced=True)  # the one batch that the first store has drawn
-    assert first.update(batch, goals_for(batch)) == second.update(batch, goals_for(batch))
+    assert first.update([(batch, goals_for(batch))]) == second.update([(batch, goals_for(batch))])
     torch.testing.assert_close(first.embed_goal(0), second.embed_goal(0))

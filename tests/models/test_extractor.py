@@ -54,6 +54,33 @@ def test_acting_does_not_depend_on_the_company(extractor: FeatureExtractor) -> N
     )
 
 
+def test_folded_convolutions_follow_every_change_of_weights_and_statistics(
+    extractor: FeatureExtractor,
+) -> None:
+    def layer_by_layer(observations: Tensor) -> Tensor:
+        planes = observations.permute(0, 1, 4, 2, 3).flatten(1, 2).float() - 128
+        raw = extractor.project(extractor.convolutions(planes).flatten(1))
+        return torch.nn.functional.layer_norm(raw, raw.shape[1:])
+
+    observations = images(4)
+    optimiser = torch.optim.Adam(extractor.parameters(), lr=0.01)
+    for _ in range(3):
+        extractor.train()
+        extractor(images(8, seed=1))[:, 0].sum().backward()
+        optimiser.step()
+        extractor.eval()
+        with torch.inference_mode():
+            torch.testing.assert_close(
+                extractor(observations), layer_by_layer(observations), atol=1e-3, rtol=1e-3
+            )
+    other = FeatureExtractor((84, 84, 3), 2, (16, 32, 32, 64), 256)
+    extractor.load_state_dict(other.state_dict())
+    with torch.inference_mode():
+        torch.testing.assert_close(
+            extractor(observations), layer_by_layer(observations), atol=1e-3, rtol=1e-3
+        )
+
+
 def test_bfloat16_stays_near_float32(extractor: FeatureExtractor) -> None:
     extractor.train()
     observations = images(16)

@@ -1,9 +1,9 @@
 """Visual hindsight self-imitation on an actor-critic: paper Algorithm 1 and Eq. 6.
 
-Each learner of an update embeds every image it needs - episodes and goal images - in one pass of the extractor,
-so that the batch norm normalises f(o_T) and the features behind the prototypes alike, and runs the LSTM once over
-the episodes as they happened and, under the goal that they reached, over those that are relabelled. One optimiser
-step follows from the mean of their gradients.
+Each learner of an update embeds every image it needs - episodes and goal images - in one pass of the
+extractor, so that the batch norm normalises f(o_T) and the features behind the prototypes alike, and runs the
+LSTM once over the episodes as they happened and, under the goal that they reached, over those that are
+relabelled. One optimiser step follows from the mean of their gradients.
 """
 
 from __future__ import annotations
@@ -115,8 +115,8 @@ class VHS:
         """Learn from finished episodes: L = L_RL + supcon_weight L_s + vhs_weight L_VHS (paper Eq. 6).
 
         Args:
-            shares: one for each of `train.learners`: episodes, and the goal embedding each was acted under, of
-                shape [B, feature_dim].
+            shares: one for each of `train.learners`: episodes, and the goal embedding each was acted under,
+                of shape [B, feature_dim].
 
         Returns:
             The mean over the learners of each term, unweighted, the gradient's norm before clipping and the

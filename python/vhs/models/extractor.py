@@ -94,7 +94,7 @@ class FeatureExtractor(nn.Module):
 
 
 def _planes(observations: Tensor) -> Tensor:
-    """Stacked frames as channels, uint8, shape [N, stack * colours, height, width], channels last in memory."""
+    """Stacked frames as channels, uint8, shape [N, stack * colours, height, width], channels last."""
     if observations.device.type == "cpu":
         return torch.from_numpy(stack_channels(observations.numpy())).permute(0, 3, 1, 2)
     planes = observations.permute(0, 2, 3, 1, 4).flatten(3)
