@@ -116,6 +116,8 @@ class TrainSection(_Section):
     """Episodes over which learning rate and entropy weight move to their ends."""
     gamma: Probability = 0.99
     """Discount (paper: 0.99)."""
+    return_lambda: Probability = 1.0
+    """Lambda of the returns: 1 is Monte-Carlo (paper), less trusts the critic's next values in part."""
     reward_scale: PositiveFloat = 0.1
     """Factor on the environment's reward; at 1 the policy's entropy collapses."""
     value_weight: NonNegativeFloat = 0.5

@@ -22,7 +22,13 @@ from vhs import EpisodeBatch, GoalStore, Hindsight, Prototypes, Rng, discounted_
 from vhs.algorithms.replicas import Replicas
 from vhs.config import MethodSection, TrainSection
 from vhs.errors import DivergenceError
-from vhs.losses import ImitationTerms, actor_critic_loss, hindsight_imitation_loss, supcon_loss
+from vhs.losses import (
+    ImitationTerms,
+    actor_critic_loss,
+    hindsight_imitation_loss,
+    lambda_returns,
+    supcon_loss,
+)
 from vhs.models import GoalAgent
 
 
@@ -178,8 +184,9 @@ class VHS:
             torch.cat([self._tensor(batch.interactions), self._tensor(hindsight.interactions)[chosen]]),
         )
         actions, valid = self._tensor(batch.actions), self._tensor(batch.mask).float()
-        returns = self._tensor(
-            discounted_returns(batch.rewards * self._train.reward_scale, batch.lengths, self._train.gamma)
+        rewards = self._tensor(batch.rewards) * self._train.reward_scale
+        returns = lambda_returns(
+            rewards, values[:episodes], valid, self._train.gamma, self._train.return_lambda
         )
         rl = actor_critic_loss(log_probs[:episodes], actions, values[:episodes], returns, valid)
         imitation = ImitationTerms(values.new_zeros(()), values.new_zeros(()))

@@ -3,11 +3,13 @@
 from vhs.losses.actor_critic import ActorCriticTerms, actor_critic_loss
 from vhs.losses.contrastive import supcon_loss
 from vhs.losses.imitation import ImitationTerms, hindsight_imitation_loss
+from vhs.losses.returns import lambda_returns
 
 __all__ = [
     "ActorCriticTerms",
     "ImitationTerms",
     "actor_critic_loss",
     "hindsight_imitation_loss",
+    "lambda_returns",
     "supcon_loss",
 ]

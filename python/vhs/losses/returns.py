@@ -1,0 +1,39 @@
+"""Returns that trust the critic in part: TD(lambda), after Sutton and Barto 2018, Eq. 12.20."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from vhs.losses.shapes import check_shape
+
+
+def lambda_returns(rewards: Tensor, values: Tensor, valid: Tensor, gamma: float, mixing: float) -> Tensor:
+    """R_t = r_t + gamma ((1 - lambda) V_{t+1} + lambda R_{t+1}); nothing follows the end of an episode.
+
+    With lambda = 1 these are the Monte-Carlo returns of paper section 3.1, with 0 one-step targets. R_t - V_t
+    is the generalised advantage of Schulman et al. 2016.
+
+    Args:
+        rewards: r_t, shape [B, T].
+        values: V(o_t), shape [B, T]; constants.
+        valid: 1 inside the episode, 0 after its end, shape [B, T].
+        gamma: discount a step, in 0..=1.
+        mixing: lambda, in 0..=1.
+
+    Returns:
+        R_t, a constant, 0 after the end of each episode, shape [B, T].
+
+    Raises:
+        ShapeError: the tensors do not fit together.
+    """
+    check_shape("B T", rewards=rewards, values=values, valid=valid)
+    values = values.detach() * valid
+    rewards = rewards * valid
+    found = torch.zeros_like(values)
+    following = next_value = values.new_zeros(len(values))
+    for step in reversed(range(values.shape[1])):
+        following = rewards[:, step] + gamma * ((1 - mixing) * next_value + mixing * following)
+        found[:, step] = following
+        next_value = values[:, step]
+    return found

@@ -1,0 +1,42 @@
+"""TD(lambda) returns: by hand, against Monte-Carlo, and what lies after the end."""
+
+import numpy as np
+import pytest
+import torch
+
+from vhs import ShapeError, discounted_returns
+from vhs.losses import lambda_returns
+
+REWARDS = torch.tensor([[1.0, 2.0, 4.0], [8.0, 1.0, 9.0]])
+VALUES = torch.tensor([[10.0, 20.0, 40.0], [80.0, 10.0, 90.0]])
+VALID = torch.tensor([[1.0, 1.0, 1.0], [1.0, 1.0, 0.0]])
+
+
+def test_by_hand() -> None:
+    # Row 0: R_2 = 4; R_1 = 2 + .5 (.75 * 40 + .25 * 4) = 17.5; R_0 = 1 + .5 (.75 * 20 + .25 * 17.5).
+    # Row 1 ends after two steps: R_1 = 1; R_0 = 8 + .5 (.75 * 10 + .25 * 1).
+    found = lambda_returns(REWARDS, VALUES, VALID, gamma=0.5, mixing=0.25)
+    expected = torch.tensor([[10.6875, 17.5, 4.0], [11.875, 1.0, 0.0]])
+    torch.testing.assert_close(found, expected)
+
+
+def test_lambda_1_is_monte_carlo() -> None:
+    found = lambda_returns(REWARDS, VALUES, VALID, gamma=0.9, mixing=1.0)
+    np.testing.assert_allclose(found, discounted_returns(REWARDS.numpy(), [3, 2], 0.9), rtol=1e-6)
+
+
+def test_what_lies_after_the_end_changes_nothing() -> None:
+    before = lambda_returns(REWARDS, VALUES, VALID, gamma=0.9, mixing=0.5)
+    rewards, values = REWARDS.clone(), VALUES.clone()
+    rewards[1, 2], values[1, 2] = 7777.0, -7777.0
+    torch.testing.assert_close(lambda_returns(rewards, values, VALID, 0.9, 0.5), before)
+
+
+def test_no_gradient_reaches_the_values() -> None:
+    values = VALUES.clone().requires_grad_()
+    assert not lambda_returns(REWARDS, values, VALID, gamma=0.9, mixing=0.5).requires_grad
+
+
+def test_tensors_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(ShapeError, match="`values`: expected shape"):
+        lambda_returns(REWARDS, VALUES[:, :2], VALID, gamma=0.9, mixing=0.5)
