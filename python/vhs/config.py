@@ -130,7 +130,8 @@ class TrainSection(_Section):
     """Gradient clip (paper: 10)."""
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
     """Type of the convolutions; `auto` takes bfloat16 where the CPU multiplies it in hardware."""
-    device: str = "cpu"
+    device: str = "auto"
+    """Where torch computes, as torch names it (``cpu``, ``cuda:1``); ``auto`` is CUDA where there is one."""
     threads: PositiveInt = 1
     """Threads of torch: two spinning threads collapse as soon as another process is busy."""
     log_every: PositiveInt = 500

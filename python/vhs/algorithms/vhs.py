@@ -29,7 +29,7 @@ from vhs.losses import (
     lambda_returns,
     supcon_loss,
 )
-from vhs.models import GoalAgent
+from vhs.models import GoalAgent, to_device
 
 
 class _Goals(NamedTuple):
@@ -110,7 +110,7 @@ class VHS:
         if self._method.prototype == "exact" and self.is_warm:
             self._refresh_exactly(label)
         embedding = self.prototypes.embed(np.array([label], dtype=np.int64))[0]
-        return torch.from_numpy(embedding).to(self._device)
+        return self._tensor(embedding)
 
     @property
     def is_warm(self) -> bool:
@@ -163,7 +163,7 @@ class VHS:
 
     def _embed(self, agent: GoalAgent, share: _Share) -> tuple[Tensor, Tensor]:
         """One extractor pass over the episodes and the goal images: the same batch statistics for both."""
-        observations = torch.from_numpy(share.batch.observations).to(self._device)
+        observations = self._tensor(share.batch.observations)
         count = len(observations)
         if share.stored is not None:
             observations = torch.cat([observations, share.stored.observations])
@@ -207,7 +207,7 @@ class VHS:
         """The goals of relabelled episodes, from their f(o_T), both of shape [R, feature_dim]."""
         if self._method.hindsight_goal == "feature" or not self.prototypes.seen.all():
             return reached
-        table = torch.from_numpy(self.prototypes.table).to(self._device)
+        table = self._tensor(self.prototypes.table)
         nearest = (reached @ normalize(table, dim=1).T).argmax(dim=1)
         return table[nearest]
 
@@ -269,7 +269,7 @@ class VHS:
         self.prototypes.update(_numpy(features), np.full(len(images), label, dtype=np.int64))
 
     def _tensor(self, array: NDArray[Any]) -> Tensor:
-        return torch.from_numpy(array).to(self._device)
+        return to_device(array, self._device)
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that an update reads or changes, but for the goal store (which saves itself)."""

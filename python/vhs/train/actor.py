@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from vhs.models import GoalAgent, RecurrentState
+from vhs.models import GoalAgent, RecurrentState, to_device
 
 
 class Actor:
@@ -67,7 +67,7 @@ class Actor:
         """
         self._agent.eval()
         index = torch.from_numpy(streams)
-        features = self._agent.extractor(torch.from_numpy(observations).to(self._goals.device), self._dtype)
+        features = self._agent.extractor(to_device(observations, self._goals.device), self._dtype)
         log_probs, values, state = self._agent(
             features.unsqueeze(1),
             self._goals[index],

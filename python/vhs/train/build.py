@@ -16,7 +16,7 @@ from vhs.config import Config, unknown_key
 from vhs.envs import TASKS, RoomConfig, Task
 from vhs.envs.rendering import check_renderer
 from vhs.errors import ConfigError
-from vhs.models import FeatureExtractor, GoalAgent
+from vhs.models import FeatureExtractor, GoalAgent, pick_device
 from vhs.train.rooms import LocalRooms, PooledRooms, Rooms
 
 
@@ -79,7 +79,7 @@ def make_agent(config: Config, env: gymnasium.Env[Any, Any]) -> GoalAgent:
             head_dim=model.head_dim,
             interaction_dim=model.interaction_dim,
         )
-    return agent.to(config.train.device)
+    return agent.to(pick_device(config.train.device))
 
 
 def make_buffer(
@@ -124,7 +124,7 @@ def convolution_dtype(config: Config) -> torch.dtype:
     """Type in which the convolutions multiply on the configured device."""
     precision = config.train.precision
     if precision == "auto":
-        fast = config.train.device != "cpu" or _cpu_multiplies_bfloat16()
+        fast = pick_device(config.train.device).type == "cuda" or _cpu_multiplies_bfloat16()
         precision = "bfloat16" if fast else "float32"
     return torch.bfloat16 if precision == "bfloat16" else torch.float32
 
@@ -143,7 +143,7 @@ def check_runnable(config: Config) -> None:
     except ValueError as error:
         raise ConfigError(f"env.{error}") from error
     try:
-        torch.zeros((), device=config.train.device)
+        torch.zeros((), device=pick_device(config.train.device))
     except (RuntimeError, AssertionError) as error:
         raise ConfigError(f"train.device: {config.train.device!r} cannot be used: {error}") from error
 

@@ -25,6 +25,7 @@ MAY_CHANGE = frozenset(
         "train.checkpoint_every_s",
         "train.keep_checkpoints",
         "train.threads",
+        "train.device",
         "train.log_every",
     }
 )
