@@ -112,6 +112,8 @@ class TrainSection(_Section):
     """Adam with AMSGrad (paper: 1e-4 for one episode an update)."""
     learning_rate_end: PositiveFloat | None = None
     """Learning rate from `schedule_episodes` on, reached linearly; null keeps `learning_rate` (paper)."""
+    head_rate: PositiveFloat = 1.0
+    """Learning rate of gate, LSTM and heads as a multiple of `learning_rate`, which the extractor has."""
     schedule_episodes: PositiveInt = 50_000
     """Episodes over which learning rate and entropy weight move to their ends."""
     gamma: Probability = 0.99

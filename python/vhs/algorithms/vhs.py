@@ -89,9 +89,11 @@ class VHS:
         self.agent = agent
         self.goal_store = goal_store
         self.prototypes = prototypes
-        self.optimiser = torch.optim.Adam(
-            agent.parameters(), lr=train.learning_rate, amsgrad=True, fused=True
-        )
+        extractor = list(agent.extractor.parameters())
+        rest = list(agent.parameters())[len(extractor) :]
+        # The rates are set before every step; `rate` is the share of `learning_rate` that a group has.
+        groups = [{"params": extractor, "rate": 1.0}, {"params": rest, "rate": train.head_rate}]
+        self.optimiser = torch.optim.Adam(groups, lr=train.learning_rate, amsgrad=True, fused=True)
         self._replicas = Replicas(agent, train.learners, train.threads)
         self.rng = rng
         self.updates = 0
@@ -239,7 +241,7 @@ class VHS:
         if not math.isfinite(norm):
             raise DivergenceError(f"update {self.updates + 1}: expected a finite gradient, found norm {norm}")
         for group in self.optimiser.param_groups:
-            group["lr"] = self._scheduled("learning_rate")
+            group["lr"] = self._scheduled("learning_rate") * group["rate"]
         self.optimiser.step()
         return norm
 
