@@ -14,6 +14,7 @@ from typing import Any
 from vhs import __version__
 from vhs.config import Config, dump_config, load_config
 from vhs.errors import CheckpointError, ConfigError
+from vhs.train.checkpoint import remove_partial_checkpoints
 
 CONFIG_NAME = "config.yaml"
 META_NAME = "run.json"
@@ -28,7 +29,8 @@ MAY_CHANGE = frozenset(
         "train.log_every",
     }
 )
-"""Keys that a resumed run may set anew: none of them changes what is learned from an episode."""
+"""Keys that a resumed run may set anew: none of them changes what is learned from an episode, but for
+rounding where `train.threads` changes."""
 
 
 def default_run_directory(config: Config) -> Path:
@@ -52,13 +54,16 @@ def check_run(config: Config, run: Path) -> None:
 
 
 def open_run(config: Config, run: Path) -> None:
-    """Make the directory and say in it what makes the run.
+    """Make the directory, say in it what makes the run, and remove what a kill left half-written.
 
     Raises:
         CheckpointError: the directory cannot be written.
     """
     try:
         run.mkdir(parents=True, exist_ok=True)
+        remove_partial_checkpoints(run)
+        for temporary in run.glob("*.tmp"):
+            temporary.unlink()
         _write(run / CONFIG_NAME, dump_config(config))
         _write(run / META_NAME, json.dumps(describe(), indent=2) + "\n")
     except OSError as error:
