@@ -1,6 +1,7 @@
 """A run that was killed or stopped goes on as if nothing had happened: every bit of it is compared."""
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,24 +13,24 @@ from typing import Any
 import pytest
 import torch
 
-from vhs.algorithms import VHS
 from vhs.config import Config, load_config
 from vhs.errors import CheckpointError
 from vhs.train import train
-from vhs.train.log import read_log
+from vhs.train.log import RunLog, read_log
+from vhs.train.loop import _Session
 
 DEBUG = Path(__file__).parents[2] / "configs" / "debug.yaml"
 EPISODES = 80
 CLOCKS = {"time/minutes", "speed/steps_per_s"}
-# A checkpoint after every update, all of them kept: a kill then finds one to go on from, and saving is what it hits.
-OFTEN = ["train.checkpoint_every_s=1e-6", "train.keep_checkpoints=3"]
+# After every update, so that saving is what a kill hits.
+OFTEN = "train.checkpoint_every_s=1e-6"
 
 
 def configured(*overrides: str) -> Config:
     return load_config([DEBUG], [f"train.episodes={EPISODES}", "env.num_workers=0", *overrides])
 
 
-def checkpoint(run: Path, episode: int = EPISODES) -> Path:
+def checkpoint(run: Path, episode: int) -> Path:
     return run / "checkpoints" / f"episode-{episode:09d}"
 
 
@@ -60,8 +61,9 @@ def without_clocks(run: Path) -> list[dict[str, Any]]:
 
 
 def assert_same(run: Path, straight: Path) -> None:
-    assert differences(load_state(run), load_state(straight)) == []
-    goals = [(checkpoint(path) / "goals.vhs").read_bytes() for path in (run, straight)]
+    last = newest_episode(straight)
+    assert differences(load_state(run, last), load_state(straight, last)) == []
+    goals = [(checkpoint(path, last) / "goals.vhs").read_bytes() for path in (run, straight)]
     assert goals[0] == goals[1]
     assert without_clocks(run) == without_clocks(straight)
 
@@ -93,9 +95,9 @@ def kill_after(episode: int, run: Path, *overrides: str) -> None:
 
 def test_a_run_killed_twice_equals_the_uninterrupted_one(straight: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
-    kill_after(12, run, f"train.episodes={EPISODES}", "env.num_workers=1", *OFTEN)
+    kill_after(12, run, f"train.episodes={EPISODES}", "env.num_workers=1", OFTEN)
     assert 12 <= newest_episode(run) < 40, "killed in the first window of the log"
-    kill_after(newest_episode(run) + 12, run, f"train.episodes={EPISODES}", "env.num_workers=0", *OFTEN)
+    kill_after(newest_episode(run) + 12, run, f"train.episodes={EPISODES}", "env.num_workers=0", OFTEN)
     assert newest_episode(run) < EPISODES
     assert train(configured("env.num_workers=1"), run, StringIO())
     assert_same(run, straight)
@@ -108,27 +110,31 @@ def test_the_comparison_sees_a_single_bit(straight: Path) -> None:
     assert differences(before, after) == ["/learner/agent/lstm.bias_hh_l0", "/episodes/rollout/values"]
 
 
-@pytest.mark.parametrize("prototype", ["running", "exact"])
+@pytest.mark.parametrize(
+    "overrides", [[], ["method.prototype=exact", "train.episodes_per_update=3", "env.num_envs=5"]]
+)
 def test_a_run_stopped_by_ctrl_c_equals_the_uninterrupted_one(
-    prototype: str, straight: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    overrides: list[str], straight: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    config, run, other = configured(f"method.prototype={prototype}"), tmp_path / "run", straight
-    if prototype == "exact":
+    config, run, other = configured(*overrides), tmp_path / "run", straight
+    if overrides:
         other = tmp_path / "straight"
         train(config, other, StringIO())
-    update = VHS.update
+    advance = _Session.advance
 
-    def interrupted(self: VHS, *arguments: Any) -> dict[str, float]:
-        if self.updates == 12:
+    def interrupted(self: _Session, log: RunLog) -> None:
+        advance(self, log)
+        if self.progress.episodes > 40 and self._waiting and self._rollout._running:
             signal.raise_signal(signal.SIGINT)
-        return update(self, *arguments)
 
     with monkeypatch.context() as patch:
-        patch.setattr(VHS, "update", interrupted)
+        patch.setattr(_Session, "advance", interrupted)
         assert not train(config, run, StringIO())
-    assert [row["episodes"] for row in read_log(run)] == [40, 52], "the stopped run logs its last episodes"
+    stopped = newest_episode(run)
+    assert 40 < stopped < EPISODES
+    assert read_log(run)[-1]["episodes"] == stopped, "a stopped run logs its last episodes"
     assert train(config, run, StringIO())
-    assert [row["episodes"] for row in read_log(run)] == [40, 80], "and makes their row again, whole"
+    assert stopped not in [row["episodes"] for row in read_log(run)], "and makes their row again, whole"
     assert_same(run, other)
 
 
@@ -167,29 +173,27 @@ def test_what_a_kill_left_half_written_is_removed(tmp_path: Path) -> None:
     assert (run / "log.jsonl").read_text().count("\n") == 1
 
 
+def rename_a_seed(state: dict[str, Any]) -> None:
+    next(iter(state["episodes"]["rollout"]["running"].values()))["seed"] = 1
+
+
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
-        (
-            lambda state: state["episodes"]["rollout"]["running"][0].update(seed=1),
-            "playing the episode of seed 1",
-        ),
-        (
-            lambda state: state.pop("window"),
-            "expected a checkpoint of this version of vhs, found one without 'window'",
-        ),
+        (rename_a_seed, "playing the episode of seed 1 again: expected"),
+        (lambda state: state.pop("window"), "of this version of vhs, found one without 'window'"),
         (lambda state: state["learner"]["agent"].pop("value.0.bias"), "does not fit the configuration"),
     ],
 )
 def test_a_checkpoint_that_something_else_made_is_a_clear_error(
-    damage: Any, message: str, tmp_path: Path
+    damage: Any, message: str, straight: Path, tmp_path: Path
 ) -> None:
     run = tmp_path / "run"
-    train(configured("train.episodes=4"), run, StringIO())
-    state = load_state(run, 4)
+    shutil.copytree(straight, run)
+    state = load_state(run)
     damage(state)
-    torch.save(state, checkpoint(run, 4) / "state.pt")
+    torch.save(state, checkpoint(run, EPISODES) / "state.pt")
     before = (run / "log.jsonl").read_bytes()
     with pytest.raises(CheckpointError, match=message):
-        train(configured("train.episodes=8"), run, StringIO())
+        train(configured("train.episodes=120"), run, StringIO())
     assert (run / "log.jsonl").read_bytes() == before
