@@ -214,7 +214,12 @@ class _Session:
         try:
             with fitting(self._run):
                 self._waiting = resume_episodes(
-                    state["episodes"], self._rollout, self._rooms, self._config.env.num_envs, self._buffer
+                    state["episodes"],
+                    self._rollout,
+                    self._rooms,
+                    self._config.env.num_envs,
+                    self._buffer,
+                    next(self._learner.agent.parameters()).device,
                 )
         except BaseException:
             self._rooms.close()

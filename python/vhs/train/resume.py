@@ -24,6 +24,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
+import torch
 
 from vhs import EpisodeBuffer, Outcome
 from vhs.errors import CheckpointError
@@ -39,7 +40,12 @@ def episodes_state(
 
 
 def resume_episodes(
-    state: Mapping[str, Any], rollout: Rollout, rooms: Rooms, num_streams: int, buffer: EpisodeBuffer
+    state: Mapping[str, Any],
+    rollout: Rollout,
+    rooms: Rooms,
+    num_streams: int,
+    buffer: EpisodeBuffer,
+    device: torch.device,
 ) -> deque[EndedEpisode]:
     """Bring rooms, buffer and rollout back to a state that `episodes_state` gave.
 
@@ -49,6 +55,7 @@ def resume_episodes(
         rooms: those of the rollout, at rest.
         num_streams: how many there are.
         buffer: that of the rollout, without an open episode.
+        device: of the goal embeddings.
 
     Returns:
         The waiting episodes, in their order.
@@ -60,11 +67,11 @@ def resume_episodes(
     records = state["waiting"]
     for first in range(0, len(records), num_streams):
         group = records[first : first + num_streams]
-        played = [Running(**record["played"]) for record in group]
+        played = [_running(record["played"], device) for record in group]
         replay(rooms, buffer, dict(enumerate(played)))
         for stream, record in enumerate(group):
             waiting.append(_finish(record, stream, played[stream], buffer))
-    running = {stream: Running(**fields) for stream, fields in state["rollout"]["running"].items()}
+    running = {stream: _running(fields, device) for stream, fields in state["rollout"]["running"].items()}
     replay(rooms, buffer, running)
     rollout.resume(state["rollout"], running)
     return waiting
@@ -129,6 +136,11 @@ def _otherwise(seed: int, expected: str, found: str) -> CheckpointError:
         f"playing the episode of seed {seed} again: expected {expected}, found {found}; its room is not "
         "the one that the checkpoint was made in: resume with the versions of vhs, mujoco and numpy of then"
     )
+
+
+def _running(fields: Mapping[str, Any], device: torch.device) -> Running:
+    """What `Running.as_dict` gave, on the device that it came from."""
+    return Running(**{**fields, "goal_embedding": fields["goal_embedding"].to(device)})
 
 
 def _record(episode: EndedEpisode, buffer: EpisodeBuffer) -> dict[str, Any]:
