@@ -1,4 +1,4 @@
-"""The command line: ``vhs train`` and ``vhs eval``.
+"""The command line: ``vhs train``, ``vhs eval`` and ``vhs export``.
 
 Heavy imports wait until a command needs them, so that ``vhs --help`` answers at once.
 """
@@ -38,6 +38,9 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_train(commands.add_parser("train", help="train an agent, or resume its training"))
     _add_eval(commands.add_parser("eval", help="measure a trained agent"))
+    _add_export(
+        commands.add_parser("export", help="write a trained agent to a directory small enough to ship")
+    )
     return parser
 
 
@@ -64,7 +67,9 @@ def _add_train(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_eval(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("run_directory", type=Path, metavar="RUN", help="directory of a run")
+    parser.add_argument(
+        "run_directory", type=Path, metavar="RUN", help="directory of a run or of an exported agent"
+    )
     parser.add_argument(
         "--episodes", type=_positive, default=300, metavar="N", help="episodes to play (default: 300)"
     )
@@ -72,6 +77,12 @@ def _add_eval(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--greedy", action="store_true", help="take the likeliest action instead of sampling")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=_eval)
+
+
+def _add_export(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("run_directory", type=Path, metavar="RUN", help="directory of a run")
+    parser.add_argument("directory", type=Path, metavar="DIR", help="a new directory for the agent")
+    parser.set_defaults(run=_export)
 
 
 def _train(options: argparse.Namespace) -> int:
@@ -95,6 +106,16 @@ def _eval(options: argparse.Namespace) -> int:
     else:
         for name, value in result.items():
             print(f"{name} {value:.3f}" if isinstance(value, float) else f"{name} {value}")
+    return 0
+
+
+def _export(options: argparse.Namespace) -> int:
+    from vhs.train.export import export_agent
+
+    trained = export_agent(options.run_directory, options.directory)
+    size = sum(path.stat().st_size for path in options.directory.iterdir())
+    print(f"exported {options.directory} ({trained.trained_episodes} episodes, {size / 1e6:.1f} MB)")
+    print(f"evaluate it:  vhs eval {options.directory}")
     return 0
 
 

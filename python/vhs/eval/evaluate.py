@@ -20,12 +20,11 @@ from vhs import Outcome
 from vhs.config import Config
 from vhs.envs import optimal_steps
 from vhs.train.actor import Actor
-from vhs.train.build import check_runnable, make_buffer, make_envs, make_learner
-from vhs.train.checkpoint import load_checkpoint
-from vhs.train.directory import read_config
+from vhs.train.build import make_buffer, make_envs
 from vhs.train.log import summarise
 from vhs.train.rollout import EndedEpisode, Rollout, episode_seeds
 from vhs.train.rooms import LocalRooms
+from vhs.train.trained import TrainedAgent, load_agent
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +50,10 @@ class Evaluation:
 
 
 def evaluate(run: Path, *, episodes: int = 300, seed: int = 0, greedy: bool = False) -> Evaluation:
-    """Evaluate the newest checkpoint of a run.
+    """Evaluate the newest checkpoint of a run, or an exported agent.
 
     Args:
-        run: directory of the run.
+        run: directory of the run or of the exported agent.
         episodes: how many, each in a room of its own (paper: 300).
         seed: which rooms; the same seed gives the same rooms for every run.
         greedy: take the likeliest action instead of sampling from the policy.
@@ -62,12 +61,10 @@ def evaluate(run: Path, *, episodes: int = 300, seed: int = 0, greedy: bool = Fa
     Raises:
         CheckpointError: the run is missing or damaged.
     """
-    config = read_config(run)
-    check_runnable(config)
-    state, goal_store = load_checkpoint(run)
-    torch.set_num_threads(config.train.threads)
-    ended = _play(config, state, goal_store, episodes=episodes, seed=seed, greedy=greedy)
-    optimal = _optimal(config, [episode.seed for episode in ended])
+    trained = load_agent(run)
+    torch.set_num_threads(trained.config.train.threads)
+    ended = _play(trained, episodes=episodes, seed=seed, greedy=greedy)
+    optimal = _optimal(trained.config, [episode.seed for episode in ended])
     taken = np.array([episode.steps for episode in ended], dtype=np.float64)
     success = np.array([episode.outcome == Outcome.SUCCESS for episode in ended])
     rates = summarise(ended)
@@ -80,7 +77,7 @@ def evaluate(run: Path, *, episodes: int = 300, seed: int = 0, greedy: bool = Fa
         optimal_steps=float(optimal.mean()),
         episodes=episodes,
         seed=seed,
-        trained_episodes=int(state["progress"]["episodes"]),
+        trained_episodes=trained.trained_episodes,
     )
 
 
@@ -91,14 +88,10 @@ def success_weighted_by_path_length(
     return float((success * optimal / np.maximum(taken, optimal)).mean())
 
 
-def _play(
-    config: Config, state: dict[str, Any], goal_store: Any, *, episodes: int, seed: int, greedy: bool
-) -> list[EndedEpisode]:
+def _play(trained: TrainedAgent, *, episodes: int, seed: int, greedy: bool) -> list[EndedEpisode]:
     """Run every episode once; their order does not matter to any mean."""
+    config, learner = trained.config, trained.learner
     envs = make_envs(config, min(config.env.num_envs, episodes))
-    learner = make_learner(config, envs[0])
-    learner.load_state_dict(state["learner"])
-    learner.goal_store = goal_store
     generator = torch.Generator().manual_seed(seed)
     actor = Actor(learner.agent, len(envs), dtype=learner.dtype, generator=generator, greedy=greedy)
     buffer = make_buffer(config, envs[0], len(envs), len(envs))

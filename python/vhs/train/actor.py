@@ -45,6 +45,20 @@ class Actor:
         self._goals = torch.zeros(num_streams, agent.gate.in_features, device=device)
         self._interactions = torch.zeros(num_streams, dtype=torch.int64, device=device)
 
+    def state_dict(self) -> dict[str, Tensor]:
+        """State and goal of every stream; weights and generator belong to others."""
+        return {
+            "hidden": self._hidden,
+            "cell": self._cell,
+            "goals": self._goals,
+            "interactions": self._interactions,
+        }
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Return to a state that `state_dict` gave, with as many streams."""
+        for name, tensor in self.state_dict().items():
+            tensor.copy_(state[name])
+
     def begin(self, stream: int, goal_embedding: Tensor, interaction: int) -> None:
         """Forget the stream's last episode and take the goal of the next: shape [feature_dim], int."""
         self._hidden[stream] = 0.0

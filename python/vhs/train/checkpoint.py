@@ -1,15 +1,17 @@
 """Checkpoints: complete or absent, the newest complete one counts.
 
 A checkpoint is a directory ``checkpoints/episode-000012345`` with ``state.pt`` (weights, optimiser,
-prototypes, generators, counters) and ``goals.vhs`` (the goal store). It is written under a temporary name,
-flushed to disk and then renamed, so a kill at any moment leaves the last one as it was.
+prototypes, generators, counters, and what rebuilds the episodes under way: `vhs.train.resume`) and
+``goals.vhs`` (the goal store). It is written under a temporary name, flushed to disk and then renamed, and
+renamed before it is removed, so a kill at any moment leaves whole checkpoints and perhaps temporary names.
 """
 
 from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,7 @@ from vhs.errors import CheckpointError
 
 _DIRECTORY = "checkpoints"
 _PREFIX = "episode-"
+_PARTIAL = ".partial-"
 _STATE = "state.pt"
 _GOALS = "goals.vhs"
 
@@ -45,7 +48,7 @@ def save_checkpoint(
     if final.exists():
         # Nothing has been learned since; replacing it would leave a moment without it.
         return final
-    partial = root / f".partial-{final.name}"
+    partial = root / f"{_PARTIAL}{final.name}"
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir()
     with (partial / _STATE).open("wb") as file:
@@ -56,8 +59,14 @@ def save_checkpoint(
     partial.rename(final)
     _sync_directory(root)
     for old in _checkpoints(run)[:-keep]:
-        shutil.rmtree(old)
+        shutil.rmtree(old.rename(root / f"{_PARTIAL}{old.name}"))
     return final
+
+
+def remove_partial_checkpoints(run: Path) -> None:
+    """Remove what a kill while saving left behind; no other process may be saving."""
+    for partial in (run / _DIRECTORY).glob(f"{_PARTIAL}*"):
+        shutil.rmtree(partial)
 
 
 def load_checkpoint(run: Path) -> tuple[dict[str, Any], GoalStore]:
@@ -79,6 +88,25 @@ def load_checkpoint(run: Path) -> tuple[dict[str, Any], GoalStore]:
     if not isinstance(state, dict):
         raise CheckpointError(f"{newest / _STATE}: expected a mapping, found {type(state).__name__}")
     return state, goal_store
+
+
+@contextmanager
+def fitting(run: Path) -> Iterator[None]:
+    """Say that a checkpoint was made by something else when its parts cannot be put to use.
+
+    Raises:
+        CheckpointError: a part is missing or does not fit what the configuration describes.
+    """
+    try:
+        yield
+    except CheckpointError:
+        raise
+    except KeyError as error:
+        raise CheckpointError(
+            f"{run}: expected a checkpoint of this version of vhs, found one without {error}"
+        ) from error
+    except (IndexError, RuntimeError, TypeError, ValueError) as error:
+        raise CheckpointError(f"{run}: the checkpoint does not fit the configuration: {error}") from error
 
 
 def has_checkpoint(run: Path) -> bool:

@@ -14,9 +14,12 @@ from typing import Any
 from vhs import __version__
 from vhs.config import Config, dump_config, load_config
 from vhs.errors import CheckpointError, ConfigError
+from vhs.train.checkpoint import remove_partial_checkpoints
 
 CONFIG_NAME = "config.yaml"
 META_NAME = "run.json"
+AGENT_NAME = "agent.safetensors"
+"""Only in the directory of an exported agent."""
 
 MAY_CHANGE = frozenset(
     {
@@ -29,7 +32,8 @@ MAY_CHANGE = frozenset(
         "train.log_every",
     }
 )
-"""Keys that a resumed run may set anew: none of them changes what is learned from an episode."""
+"""Keys that a resumed run may set anew: none of them changes what is learned from an episode, but for
+rounding where `train.threads` changes."""
 
 
 def default_run_directory(config: Config) -> Path:
@@ -41,8 +45,10 @@ def check_run(config: Config, run: Path) -> None:
     """Check that a directory is free, or holds a run of the same configuration.
 
     Raises:
-        CheckpointError: another configuration made the run.
+        CheckpointError: another configuration made the run, or it is an exported agent.
     """
+    if is_exported(run):
+        raise CheckpointError(f"{run}: holds an exported agent, which cannot train on; give another --out")
     if (run / CONFIG_NAME).exists():
         changed = _changed_keys(read_config(run), config) - MAY_CHANGE
         if changed:
@@ -53,13 +59,16 @@ def check_run(config: Config, run: Path) -> None:
 
 
 def open_run(config: Config, run: Path) -> None:
-    """Make the directory and say in it what makes the run.
+    """Make the directory, say in it what makes the run, and remove what a kill left half-written.
 
     Raises:
         CheckpointError: the directory cannot be written.
     """
     try:
         run.mkdir(parents=True, exist_ok=True)
+        remove_partial_checkpoints(run)
+        for temporary in run.glob("*.tmp"):
+            temporary.unlink()
         _write(run / CONFIG_NAME, dump_config(config))
         _write(run / META_NAME, json.dumps(describe(), indent=2) + "\n")
     except OSError as error:
@@ -79,6 +88,29 @@ def read_config(run: Path) -> Config:
         return load_config([path])
     except ConfigError as error:
         raise CheckpointError(f"{path}: damaged configuration: {error}") from error
+
+
+def is_exported(path: Path) -> bool:
+    """Whether a directory holds an exported agent instead of a run."""
+    return (path / AGENT_NAME).exists()
+
+
+def read_meta(run: Path) -> dict[str, Any]:
+    """What made a run, as `describe` said when it was started last.
+
+    Raises:
+        CheckpointError: the file is missing or damaged.
+    """
+    path = run / META_NAME
+    try:
+        meta = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise CheckpointError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise CheckpointError(f"{path}: expected JSON, found {error}") from error
+    if not isinstance(meta, dict):
+        raise CheckpointError(f"{path}: expected a JSON object, found {type(meta).__name__}")
+    return meta
 
 
 def describe() -> dict[str, Any]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TextIO
+from typing import Any, NamedTuple, TextIO
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
@@ -20,14 +21,36 @@ from vhs.train.rollout import EndedEpisode
 LOG_NAME = "log.jsonl"
 
 
+class EpisodeResult(NamedTuple):
+    """What a row sums up of an episode."""
+
+    outcome: Outcome
+    steps: int
+    episode_return: float
+
+
 class Window:
-    """Sums over the episodes and updates since the last row."""
+    """Sums over the episodes and updates since the last whole row."""
 
     def __init__(self) -> None:
         """Start empty."""
-        self.episodes: list[EndedEpisode] = []
+        self.episodes: list[EpisodeResult] = []
         self._sums: dict[str, float] = {}
         self._counts: dict[str, int] = {}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything, as plain values."""
+        episodes = [(int(e.outcome), e.steps, e.episode_return) for e in self.episodes]
+        return {"episodes": episodes, "sums": dict(self._sums), "counts": dict(self._counts)}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Return to a state that `state_dict` gave."""
+        self.episodes = [EpisodeResult(Outcome(outcome), *rest) for outcome, *rest in state["episodes"]]
+        self._sums, self._counts = dict(state["sums"]), dict(state["counts"])
+
+    def add_episodes(self, episodes: Iterable[EndedEpisode]) -> None:
+        """Take episodes that have been learned from."""
+        self.episodes += [EpisodeResult(e.outcome, e.steps, e.episode_return) for e in episodes]
 
     def add_update(self, metrics: Mapping[str, float]) -> None:
         """Take the losses of one update; a term is averaged over the updates that had it."""
@@ -44,7 +67,7 @@ class Window:
         return {name: total / self._counts[name] for name, total in self._sums.items()}
 
 
-def summarise(episodes: Sequence[EndedEpisode]) -> dict[str, float]:
+def summarise(episodes: Sequence[EndedEpisode | EpisodeResult]) -> dict[str, float]:
     """Success, failure and timeout rate, mean steps and mean undiscounted return of some episodes."""
     count = len(episodes)
     row = {outcome.name.lower(): sum(e.outcome == outcome for e in episodes) / count for outcome in Outcome}
@@ -57,17 +80,30 @@ class RunLog:
     """The log of a run: `log.jsonl`, TensorBoard events and the terminal."""
 
     def __init__(
-        self, run: Path, total_episodes: int, first_episode: int, stream: TextIO | None = None
+        self,
+        run: Path,
+        total_episodes: int,
+        first_episode: int,
+        stream: TextIO | None = None,
+        *,
+        logged: int | None = None,
     ) -> None:
         """Open the log for appending.
 
-        Rows of a resumed run that lie behind `first_episode` were made after the checkpoint and are made
-        again: they are dropped, so that the log holds each episode once.
+        Args:
+            run: directory of the run.
+            total_episodes: where the bar ends.
+            first_episode: where it begins.
+            stream: where a person reads along; standard output by default.
+            logged: the last episode of the last whole row before the checkpoint; `first_episode` by default.
+                Rows that end behind it are made again by the resumed run: they are dropped, so that the log
+                holds each episode once.
         """
+        kept = first_episode if logged is None else logged
         self._path = run / LOG_NAME
-        _keep_rows_up_to(self._path, first_episode)
+        _keep_rows_up_to(self._path, kept)
         self._file = self._path.open("a", encoding="utf-8")
-        self._board = SummaryWriter(str(run / "tensorboard"), purge_step=first_episode or None)
+        self._board = SummaryWriter(str(run / "tensorboard"), purge_step=kept + 1 if kept else None)
         self._console = Console(file=stream or sys.stdout)
         self._progress: Progress | None = None
         self._bar: TaskID | None = None
@@ -96,6 +132,10 @@ class RunLog:
             if isinstance(value, int | float) and key != "episodes":
                 self._board.add_scalar(key, value, row["episodes"])
         self._show(row)
+
+    def sync(self) -> None:
+        """Put the rows on the disk: a checkpoint that counts on them is about to be put there."""
+        os.fsync(self._file.fileno())
 
     def say(self, text: str) -> None:
         """Tell the person something that is no row."""

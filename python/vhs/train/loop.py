@@ -15,11 +15,12 @@ import torch
 from vhs.config import Config
 from vhs.train.actor import Actor
 from vhs.train.build import check_runnable, make_buffer, make_envs, make_learner, make_rooms
-from vhs.train.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
+from vhs.train.checkpoint import fitting, has_checkpoint, load_checkpoint, save_checkpoint
 from vhs.train.directory import check_run, open_run
 from vhs.train.interrupt import stop_on_signal
 from vhs.train.log import RunLog, Window
 from vhs.train.memory import keep_freed_memory
+from vhs.train.resume import episodes_state, resume_episodes
 from vhs.train.rollout import EndedEpisode, Rollout, episode_seeds
 
 
@@ -31,6 +32,8 @@ class Progress:
     env_steps: int = 0
     begun: int = 0
     """Episodes begun, and so seeds used."""
+    logged: int = 0
+    """Episodes in whole rows of the log; the row of a stopped run, if shorter, is made again."""
     seconds: float = 0.0
     """Wall-clock of training over all resumptions."""
 
@@ -58,7 +61,13 @@ def train(config: Config, run: Path, stream: TextIO | None = None) -> bool:
     open_run(config, run)
     with (
         closing(session),
-        RunLog(run, config.train.episodes, session.progress.episodes, stream) as log,
+        RunLog(
+            run,
+            config.train.episodes,
+            session.progress.episodes,
+            stream,
+            logged=session.rows_until,
+        ) as log,
         stop_on_signal() as stop,
     ):
         if session.progress.episodes:
@@ -86,16 +95,22 @@ class _Session:
         env, streams = make_envs(config, 1)[0], config.env.num_envs
         self._learner = make_learner(config, env)
         self._generator = torch.Generator().manual_seed(config.seed)
-        if has_checkpoint(run):
-            self._restore()
+        self._window = Window()
+        with fitting(run):
+            state = self._restore() if has_checkpoint(run) else None
         self._buffer = make_buffer(config, env, streams, streams + config.train.episodes_per_update)
         actor = Actor(self._learner.agent, streams, dtype=self._learner.dtype, generator=self._generator)
         self._begun_before = self.progress.begun
         seeds = episode_seeds(config.seed, first=self._begun_before)
         self._rooms = make_rooms(config, streams)
-        self._rollout = Rollout(self._rooms, streams, actor, self._buffer, self._learner.embed_goal, seeds)
+        self._rollout = Rollout(
+            self._rooms, streams, actor, self._buffer, self._learner.embed_goal, seeds, begin=state is None
+        )
         self._waiting: deque[EndedEpisode] = deque()
-        self._window = Window()
+        if state is not None:
+            self._replay(state)
+        # A finished run has nothing to make again.
+        self.rows_until = self.progress.episodes if self.is_finished else self.progress.logged
         self._clock = self._row_clock = self._save_clock = time.monotonic()
         self._row_steps = self.progress.env_steps
 
@@ -104,15 +119,20 @@ class _Session:
         return self.progress.episodes >= self._config.train.episodes
 
     def advance(self, log: RunLog) -> None:
-        """One step of every room, then as many updates as whole groups of episodes are waiting."""
-        self._waiting.extend(self._rollout.step())
-        while len(self._waiting) >= self._config.train.episodes_per_update and not self.is_finished:
-            self._learn()
-            log.advance(self.progress.episodes)
-            if len(self._window.episodes) >= self._config.train.log_every or self.is_finished:
-                log.write(self._row())
-            if time.monotonic() - self._save_clock >= self._config.train.checkpoint_every_s:
-                self.save()
+        """One update where a whole group of episodes is waiting, one step of every room otherwise.
+
+        Between two calls the run can be saved: see `vhs.train.resume`.
+        """
+        if len(self._waiting) < self._config.train.episodes_per_update:
+            self._waiting.extend(self._rollout.step())
+            return
+        self._learn()
+        log.advance(self.progress.episodes)
+        if len(self._window.episodes) >= self._config.train.log_every:
+            self._write_row(log)
+            self._window, self.progress.logged = Window(), self.progress.episodes
+        if time.monotonic() - self._save_clock >= self._config.train.checkpoint_every_s:
+            self.save(log)
 
     def _learn(self) -> None:
         episodes = [self._waiting.popleft() for _ in range(self._config.train.episodes_per_update)]
@@ -123,9 +143,13 @@ class _Session:
         metrics = self._learner.update([(self._buffer.gather(own), embedded) for own, embedded in shares])
         self._window.add_update(metrics)
         self._learner.goal_store.collect(self._buffer, ids)
-        self._window.episodes.extend(episodes)
+        self._window.add_episodes(episodes)
         self.progress.episodes += len(episodes)
         self.progress.env_steps += sum(episode.steps for episode in episodes)
+
+    def _write_row(self, log: RunLog) -> None:
+        log.write(self._row())
+        self.rows_until = self.progress.episodes
 
     def _row(self) -> dict[str, Any]:
         now = time.monotonic()
@@ -142,24 +166,29 @@ class _Session:
         row |= {f"rate/{name}": rate for name, rate in self._window.rates().items()}
         row |= {f"loss/{name}": value for name, value in self._window.losses().items()}
         row |= {f"goals/{label}": int(count) for label, count in enumerate(self._learner.goal_store.counts)}
-        self._window = Window()
         self._row_clock, self._row_steps = now, self.progress.env_steps
         return row
 
     def finish(self, log: RunLog) -> None:
-        """Save; episodes since the last row get a shorter row of their own, so that the log misses none."""
-        if self._window.episodes:
-            log.write(self._row())
-        self.save()
+        """Save; episodes since the last row get a shorter row of their own, so that the log misses none.
 
-    def save(self) -> None:
-        """Write a checkpoint of everything but the episodes that are still running."""
+        A run that goes on makes that row again, whole.
+        """
+        if self.progress.episodes > self.rows_until:
+            self._write_row(log)
+        self.save(log)
+
+    def save(self, log: RunLog) -> None:
+        """Write a checkpoint, from which the run goes on as if nothing had happened."""
+        log.sync()
         self._tick(time.monotonic())
         self.progress.begun = self._begun_before + self._rollout.begun
         state = {
             "progress": {name: getattr(self.progress, name) for name in Progress.__slots__},
             "learner": self._learner.state_dict(),
             "actions": self._generator.get_state(),
+            "window": self._window.state_dict(),
+            "episodes": episodes_state(self._rollout, self._waiting, self._buffer),
         }
         save_checkpoint(
             self._run,
@@ -174,12 +203,31 @@ class _Session:
         """End the rooms."""
         self._rooms.close()
 
-    def _restore(self) -> None:
+    def _restore(self) -> dict[str, Any]:
+        """Load everything but the episodes, which need rooms; the whole state."""
         state, goal_store = load_checkpoint(self._run)
         self._learner.load_state_dict(state["learner"])
         self._learner.goal_store = goal_store
         self._generator.set_state(state["actions"])
         self.progress = Progress(**state["progress"])
+        self._window.load_state_dict(state["window"])
+        return state
+
+    def _replay(self, state: dict[str, Any]) -> None:
+        """Bring the waiting and running episodes back."""
+        try:
+            with fitting(self._run):
+                self._waiting = resume_episodes(
+                    state["episodes"],
+                    self._rollout,
+                    self._rooms,
+                    self._config.env.num_envs,
+                    self._buffer,
+                    next(self._learner.agent.parameters()).device,
+                )
+        except BaseException:
+            self._rooms.close()
+            raise
 
     def _tick(self, now: float) -> None:
         self.progress.seconds += now - self._clock

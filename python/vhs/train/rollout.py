@@ -8,10 +8,11 @@ evaluation share it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -39,13 +40,43 @@ class EndedEpisode:
 
 
 @dataclass(slots=True)
-class _Running:
+class Running:
+    """An episode that has begun; a room that is given its seed and its actions repeats it bit for bit."""
+
     seed: int
     goal: int
     interaction: int
     goal_embedding: Tensor
-    steps: int = 0
+    actions: list[int] = field(default_factory=list)
+    """Taken and answered; the one under way is not among them."""
+    values: list[float] = field(default_factory=list)
+    """The critic's, of each of the actions."""
     episode_return: float = 0.0
+
+    def add(self, action: int, value: float, reward: float) -> None:
+        """Take the answer to an action."""
+        self.actions.append(action)
+        self.values.append(value)
+        self.episode_return += reward
+
+    def ended(self, id: int, outcome: Outcome, reached_object: int) -> EndedEpisode:
+        """The same episode at its end, stored in the buffer under `id`."""
+        return EndedEpisode(
+            id=id,
+            seed=self.seed,
+            goal=self.goal,
+            interaction=self.interaction,
+            outcome=outcome,
+            steps=len(self.actions),
+            episode_return=self.episode_return,
+            goal_embedding=self.goal_embedding,
+            reached_object=reached_object,
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """The fields by name, lists copied; ``Running(**fields)`` reads them back."""
+        fields = {name: getattr(self, name) for name in self.__slots__}
+        return fields | {"actions": list(self.actions), "values": list(self.values)}
 
 
 class Rollout:
@@ -62,6 +93,8 @@ class Rollout:
         buffer: EpisodeBuffer,
         embed_goal: Callable[[int], Tensor],
         seeds: Iterator[int],
+        *,
+        begin: bool = True,
     ) -> None:
         """Begin an episode in every room, as far as the seeds go.
 
@@ -72,20 +105,24 @@ class Rollout:
             buffer: takes the frames.
             embed_goal: goal class to goal embedding of shape [feature_dim], called once an episode.
             seeds: one for each episode, taken in the order in which episodes begin.
+            begin: False leaves the rooms at rest, for `resume`.
         """
         self._rooms = rooms
         self._actor = actor
         self._buffer = buffer
         self._embed_goal = embed_goal
         self._seeds = seeds
-        self._running: dict[int, _Running] = {}
+        self._running: dict[int, Running] = {}
+        # Seeds of the episodes whose first frame is under way.
+        self._beginning: dict[int, int] = {}
         # The action under way in each room, and the critic's value when it was chosen.
         self._actions = np.zeros(num_streams, dtype=np.int64)
         self._values = np.zeros(num_streams, dtype=np.float32)
         self._under_way = 0
         self.begun = 0
         self.cut = 0
-        self._reset(range(num_streams))
+        if begin:
+            self._reset(range(num_streams))
 
     @property
     def is_done(self) -> bool:
@@ -110,12 +147,50 @@ class Rollout:
         self._act(answers.streams[~answers.is_end])
         return ended
 
+    def state_dict(self) -> dict[str, Any]:
+        """What `resume` needs, between two steps: all but the frames, which the rooms can repeat."""
+        return {
+            "cut": self.cut,
+            "beginning": dict(self._beginning),
+            "running": {stream: episode.as_dict() for stream, episode in self._running.items()},
+            "actions": torch.from_numpy(self._actions.copy()),
+            "values": torch.from_numpy(self._values.copy()),
+            "actor": self._actor.state_dict(),
+        }
+
+    def resume(self, state: dict[str, Any], running: dict[int, Running]) -> None:
+        """Go on from a state that `state_dict` gave; the rollout was made with ``begin=False``.
+
+        Args:
+            state: what `state_dict` gave.
+            running: the running episodes, by stream; rooms and buffer are where the last answered action of
+                each has brought them.
+        """
+        self.cut = int(state["cut"])
+        self._running = dict(running)
+        self._actions[:], self._values[:] = state["actions"].numpy(), state["values"].numpy()
+        self._actor.load_state_dict(state["actor"])
+        self._command_resets(dict(state["beginning"]))
+        streams = np.array(sorted(running), dtype=np.int64)
+        self._command_actions(streams)
+
     def _reset(self, streams: Iterable[int]) -> None:
-        pairs = [(stream, seed) for stream, seed in zip(streams, self._seeds, strict=False)]
-        self.begun += len(pairs)
-        self._under_way += len(pairs)
-        if pairs:
-            self._rooms.reset(*zip(*pairs, strict=True))
+        seeds = dict(zip(streams, self._seeds, strict=False))
+        self.begun += len(seeds)
+        self._command_resets(seeds)
+
+    def _command_resets(self, seeds: dict[int, int]) -> None:
+        """Begin an episode in each of some rooms, by stream."""
+        if seeds:
+            self._beginning |= seeds
+            self._under_way += len(seeds)
+            self._rooms.reset(list(seeds), list(seeds.values()))
+
+    def _command_actions(self, streams: NDArray[np.int64]) -> None:
+        """Take the chosen action in each of some rooms."""
+        if len(streams):
+            self._under_way += len(streams)
+            self._rooms.send(streams, self._actions[streams])
 
     def _begin(self, answers: Answers) -> None:
         for row in np.flatnonzero(answers.is_first).tolist():
@@ -123,47 +198,35 @@ class Rollout:
             if answers.is_cut[row] and self._running.pop(stream, None) is not None:
                 self._buffer.abort(stream)
                 self.cut += 1
+            self._beginning.pop(stream, None)
             goal, interaction = int(answers.goals[row]), int(answers.interactions[row])
             embedding = self._embed_goal(goal)
             self._buffer.begin(stream, answers.images[row], goal, interaction)
             self._actor.begin(stream, embedding, interaction)
-            self._running[stream] = _Running(answers.seeds[row], goal, interaction, embedding)
+            self._running[stream] = Running(answers.seeds[row], goal, interaction, embedding)
 
     def _append(self, answers: Answers) -> None:
         rows = np.flatnonzero(~answers.is_first)
         if not len(rows):
             return
         streams = answers.streams[rows]
-        rewards = answers.rewards[rows]
-        self._buffer.append_batch(
-            streams, self._actions[streams], rewards, self._values[streams], answers.images[rows]
-        )
-        for stream, reward in zip(streams.tolist(), rewards.tolist(), strict=True):
-            self._running[stream].steps += 1
-            self._running[stream].episode_return += reward
+        actions, values, rewards = self._actions[streams], self._values[streams], answers.rewards[rows]
+        self._buffer.append_batch(streams, actions, rewards, values, answers.images[rows])
+        steps = zip(streams.tolist(), actions.tolist(), values.tolist(), rewards.tolist(), strict=True)
+        for stream, action, value, reward in steps:
+            self._running[stream].add(action, value, reward)
 
     def _act(self, streams: NDArray[np.int64]) -> None:
         if not len(streams):
             return
         actions, values = self._actor.act(streams, self._buffer.observe(streams))
         self._actions[streams], self._values[streams] = actions, values
-        self._rooms.send(streams, actions)
-        self._under_way += len(streams)
+        self._command_actions(streams)
 
     def _finish(self, stream: int, info: dict[str, Any]) -> EndedEpisode:
-        episode = self._running.pop(stream)
         outcome = Outcome.from_name(info["outcome"])
-        return EndedEpisode(
-            id=self._buffer.finish(stream, outcome),
-            seed=episode.seed,
-            goal=episode.goal,
-            interaction=episode.interaction,
-            outcome=outcome,
-            steps=episode.steps,
-            episode_return=episode.episode_return,
-            goal_embedding=episode.goal_embedding,
-            reached_object=int(info["reached_object"]),
-        )
+        id = self._buffer.finish(stream, outcome)
+        return self._running.pop(stream).ended(id, outcome, int(info["reached_object"]))
 
 
 def episode_seeds(run_seed: int, *, first: int = 0, purpose: int = 0) -> Iterator[int]:

@@ -1,0 +1,51 @@
+"""An agent to act with: the one way to load what was trained, out of a run or of an exported directory."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+from vhs.algorithms import VHS
+from vhs.config import Config
+from vhs.train.build import check_runnable, make_envs, make_learner
+from vhs.train.checkpoint import fitting, load_checkpoint
+from vhs.train.directory import AGENT_NAME, is_exported, read_config
+
+
+@dataclass(frozen=True, slots=True)
+class TrainedAgent:
+    """What acting needs: networks (`learner.agent`) and goal embeddings (`learner.embed_goal`)."""
+
+    config: Config
+    """The configuration that trained it."""
+    learner: VHS
+    """Of an exported agent, goal store and optimiser are those of a learner at its beginning."""
+    trained_episodes: int
+
+
+def load_agent(path: Path) -> TrainedAgent:
+    """Load the newest checkpoint of a run, or an exported agent.
+
+    Args:
+        path: directory of the run or of the exported agent.
+
+    Raises:
+        CheckpointError: neither is there, it is damaged, or it does not fit its own configuration.
+        ConfigError: its configuration cannot run here.
+    """
+    config = read_config(path)
+    check_runnable(config)
+    with closing(make_envs(config, 1)[0]) as env:
+        learner = make_learner(config, env)
+    if is_exported(path):
+        from vhs.train.agent_file import read_agent
+
+        episodes = int(read_agent(path / AGENT_NAME, learner)["trained_episodes"])
+        return TrainedAgent(config, learner, episodes)
+    state, goal_store = load_checkpoint(path)
+    with fitting(path):
+        learner.load_state_dict(state["learner"])
+        episodes = int(state["progress"]["episodes"])
+    learner.goal_store = goal_store
+    return TrainedAgent(config, learner, episodes)
