@@ -112,6 +112,9 @@ class TrainSection(_Section):
     """Adam with AMSGrad (paper: 1e-4 for one episode an update)."""
     learning_rate_end: PositiveFloat | None = None
     """Learning rate from `schedule_episodes` on, reached linearly; null keeps `learning_rate` (paper)."""
+    extractor_stride: PositiveInt = 1
+    """Of so many observations of an episode one trains the extractor, each in turn (paper: all); the others
+    are embedded as when acting, at a third of the cost, and train LSTM and heads alone."""
     head_rate: PositiveFloat = 1.0
     """Learning rate of gate, LSTM and heads as a multiple of `learning_rate`, which the extractor has."""
     schedule_episodes: PositiveInt = 50_000

@@ -164,13 +164,30 @@ class VHS:
         return _Learned({name: term.detach() for name, term in terms.items()}, goal_features.detach())
 
     def _embed(self, agent: GoalAgent, share: _Share) -> tuple[Tensor, Tensor]:
-        """One extractor pass over the episodes and the goal images: the same batch statistics for both."""
+        """Features of the episodes' observations and of the goal images, by one pass that learns from both.
+
+        Observations that do not train the extractor are embedded before it, as when acting.
+        """
         observations = self._tensor(share.batch.observations)
-        count = len(observations)
+        stride = self._train.extractor_stride
+        rows = torch.arange(len(observations), device=self._device)
+        learns = rows % stride == self.updates % stride
+        learned = observations[learns]
         if share.stored is not None:
-            observations = torch.cat([observations, share.stored.observations])
-        features = agent.extractor(observations, self.dtype)
-        return features[:count], features[count:]
+            learned = torch.cat([learned, share.stored.observations])
+        constant = self._embed_constant(agent, observations[~learns])
+        features = agent.extractor(learned, self.dtype)
+        count = int(learns.sum())
+        order = torch.cat([rows[learns], rows[~learns]]).argsort()
+        return torch.cat([features[:count], constant])[order], features[count:]
+
+    @torch.no_grad()
+    def _embed_constant(self, agent: GoalAgent, observations: Tensor) -> Tensor:
+        """Features as when acting, which no gradient reaches."""
+        agent.eval()
+        features: Tensor = agent.extractor(observations, self.dtype)
+        agent.train()
+        return features
 
     def _episode_losses(self, agent: GoalAgent, share: _Share, features: Tensor) -> dict[str, Tensor]:
         """The terms of L_RL on every episode and of L_VHS on the relabelled ones, by one run of the LSTM."""
