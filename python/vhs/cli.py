@@ -85,7 +85,8 @@ def _train(options: argparse.Namespace) -> int:
 
 
 def _eval(options: argparse.Namespace) -> int:
-    from vhs.eval import evaluate
+    from vhs.errors import OutputError
+    from vhs.eval import evaluate, record_evaluation
 
     result = evaluate(
         options.run_directory, episodes=options.episodes, seed=options.seed, greedy=options.greedy
@@ -95,6 +96,11 @@ def _eval(options: argparse.Namespace) -> int:
     else:
         for name, value in result.items():
             print(f"{name} {value:.3f}" if isinstance(value, float) else f"{name} {value}")
+    try:
+        record_evaluation(options.run_directory, result)
+    except OutputError as error:
+        # The result is on the screen, so a run on a read-only disk is no failure.
+        print(f"vhs: {error}; the evaluation is not recorded", file=sys.stderr)
     return 0
 
 

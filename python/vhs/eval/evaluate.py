@@ -43,6 +43,7 @@ class Evaluation:
     """Mean actions of the oracle in the same episodes."""
     episodes: int
     seed: int
+    greedy: bool
     trained_episodes: int
 
     def as_dict(self) -> dict[str, Any]:
@@ -80,6 +81,7 @@ def evaluate(run: Path, *, episodes: int = 300, seed: int = 0, greedy: bool = Fa
         optimal_steps=float(optimal.mean()),
         episodes=episodes,
         seed=seed,
+        greedy=greedy,
         trained_episodes=int(state["progress"]["episodes"]),
     )
 
