@@ -22,7 +22,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] == "vhs":
             raise
-        print(f"vhs: {error.name} is not installed; pip install 'vhs[train]'", file=sys.stderr)
+        extra = "report" if error.name == "rliable" else "train"
+        print(f"vhs: {error.name} is not installed; pip install 'vhs[{extra}]'", file=sys.stderr)
         return 1
     except VhsError as error:
         print(f"vhs: {error}", file=sys.stderr)
@@ -38,6 +39,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_train(commands.add_parser("train", help="train an agent, or resume its training"))
     _add_eval(commands.add_parser("eval", help="measure a trained agent"))
+    _add_compare(commands.add_parser("compare", help="compare trained agents over their seeds"))
     return parser
 
 
@@ -74,6 +76,24 @@ def _add_eval(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=_eval)
 
 
+def _add_compare(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="a run, or a directory of runs")
+    parser.add_argument(
+        "--reference", metavar="RUN-OR-GROUP", help="what SRR and SEI refer to (default: the first group)"
+    )
+    parser.add_argument(
+        "--rate", type=_share, default=0.743, metavar="X", help="success rate to reach (default: 0.743)"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("runs/compare"),
+        metavar="DIR",
+        help="where compare.md, .csv and .json go (default: runs/compare)",
+    )
+    parser.set_defaults(run=_compare)
+
+
 def _train(options: argparse.Namespace) -> int:
     from vhs.config import load_config
     from vhs.train import train
@@ -102,6 +122,23 @@ def _eval(options: argparse.Namespace) -> int:
         # The result is on the screen, so a run on a read-only disk is no failure.
         print(f"vhs: {error}; the evaluation is not recorded", file=sys.stderr)
     return 0
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from vhs.eval.compare import compare
+    from vhs.eval.tables import as_markdown, write_comparison
+
+    comparison = compare(options.runs, rate=options.rate, reference=options.reference)
+    print(as_markdown(comparison))
+    write_comparison(comparison, options.out)
+    return 0
+
+
+def _share(text: str) -> float:
+    number = float(text)
+    if not 0 < number <= 1:
+        raise argparse.ArgumentTypeError(f"expected a share above 0 and up to 1, found {text}")
+    return number
 
 
 def _positive(text: str) -> int:

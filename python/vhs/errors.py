@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from vhs._core import VhsError
 
-__all__ = ["CheckpointError", "ConfigError", "DivergenceError", "OutputError", "VhsError"]
+__all__ = ["CheckpointError", "ComparisonError", "ConfigError", "DivergenceError", "OutputError", "VhsError"]
 
 
 class ConfigError(VhsError, ValueError):
@@ -16,6 +16,10 @@ class ConfigError(VhsError, ValueError):
 
 class CheckpointError(VhsError, RuntimeError):
     """A run directory or checkpoint that is missing, damaged or made with another configuration."""
+
+
+class ComparisonError(VhsError, ValueError):
+    """Runs that cannot be compared: another task, no evaluation, evaluated in another way."""
 
 
 class DivergenceError(VhsError, ArithmeticError):

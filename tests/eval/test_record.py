@@ -5,26 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from eval_support import evaluation
 
 from vhs.cli import main
 from vhs.errors import CheckpointError, OutputError
 from vhs.eval import Evaluation, read_evaluations, record_evaluation
-
-
-def evaluation(**changes: Any) -> dict[str, Any]:
-    fields = {
-        "success": 0.9,
-        "failure": 0.0,
-        "timeout": 0.1,
-        "spl": 0.6,
-        "steps": 9.0,
-        "optimal_steps": 5.0,
-        "episodes": 300,
-        "seed": 0,
-        "greedy": False,
-        "trained_episodes": 1000,
-    }
-    return Evaluation(**(fields | changes)).as_dict()
 
 
 def test_a_run_without_evaluations_has_none(tmp_path: Path) -> None:
