@@ -39,6 +39,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_train(commands.add_parser("train", help="train an agent, or resume its training"))
     _add_eval(commands.add_parser("eval", help="measure a trained agent"))
+    _add_sweep(commands.add_parser("sweep", help="train and evaluate a grid of configurations and seeds"))
     _add_compare(commands.add_parser("compare", help="compare trained agents over their seeds"))
     return parser
 
@@ -74,6 +75,15 @@ def _add_eval(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--greedy", action="store_true", help="take the likeliest action instead of sampling")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=_eval)
+
+
+def _add_sweep(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", type=Path, metavar="FILE", help="YAML sweep file (see docs/comparing.md)")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="directory of the runs (default: runs/NAME-OF-FILE)"
+    )
+    parser.add_argument("--jobs", type=_positive, metavar="N", help="runs side by side (default: one a core)")
+    parser.set_defaults(run=_sweep)
 
 
 def _add_compare(parser: argparse.ArgumentParser) -> None:
@@ -122,6 +132,12 @@ def _eval(options: argparse.Namespace) -> int:
         # The result is on the screen, so a run on a read-only disk is no failure.
         print(f"vhs: {error}; the evaluation is not recorded", file=sys.stderr)
     return 0
+
+
+def _sweep(options: argparse.Namespace) -> int:
+    from vhs.sweep.runner import sweep
+
+    return sweep(options.file, options.out or Path("runs") / options.file.stem, options.jobs)
 
 
 def _compare(options: argparse.Namespace) -> int:
