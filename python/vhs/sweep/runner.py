@@ -149,7 +149,7 @@ class _Sweep:
         cores = ",".join(map(str, slot))
         with self._log_path(run).open("ab") as log:
             process = subprocess.Popen(
-                [sys.executable, launch.__file__, str(os.getpid()), cores, *arguments],
+                [sys.executable, "-IS", launch.__file__, str(os.getpid()), cores, *arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
