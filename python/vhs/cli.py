@@ -137,7 +137,11 @@ def _eval(options: argparse.Namespace) -> int:
 def _sweep(options: argparse.Namespace) -> int:
     from vhs.sweep.runner import sweep
 
-    return sweep(options.file, options.out or Path("runs") / options.file.stem, options.jobs)
+    try:
+        return sweep(options.file, options.out or Path("runs") / options.file.stem, options.jobs)
+    except KeyboardInterrupt:
+        # The second Ctrl-C, or one while nothing runs: the runs are ended, and resume from their checkpoints.
+        return 130
 
 
 def _compare(options: argparse.Namespace) -> int:

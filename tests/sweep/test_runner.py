@@ -50,11 +50,12 @@ class Journal:
         return [entry["run"] for entry in self.entries if entry["event"] == event]
 
     def wait_for(self, event: str, count: int = 1) -> None:
-        for _ in range(600):
+        end = time.monotonic() + 90  # a machine that is busy elsewhere is not a bug
+        while time.monotonic() < end:
             if len(self.of(event)) >= count:
                 return
             time.sleep(0.05)
-        raise AssertionError(f"no {event} within 30 s: {self.entries}")
+        raise AssertionError(f"no {event} within 90 s: {self.entries}")
 
 
 @pytest.fixture
@@ -192,9 +193,11 @@ def test_a_killed_sweep_leaves_no_run_behind_and_resumes(
         "sweep(root / 'sweep.yaml', root / 'out', 1)"
     )
     parent = subprocess.Popen([sys.executable, "-c", code])
-    journal.wait_for("train")
-    parent.kill()
-    parent.wait()
+    try:
+        journal.wait_for("train")
+    finally:
+        parent.kill()
+        parent.wait()
     monkeypatch.setenv("STAND_IN_S", "0.1")
     # It has to wait for the run that the killed sweep left behind to save.
     assert run_sweep(tmp_path)[0] == 0
