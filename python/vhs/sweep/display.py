@@ -51,14 +51,15 @@ class SweepDisplay:
     def end(self, run: PlannedRun, text: str) -> None:
         """A run is over; its line stays."""
         self._ended += 1
-        self.say(f"[{self._ended:>{len(str(self._total))}}/{self._total}] {run.name}: {text}")
         if self._bars is not None and run.name in self._tasks:
             self._bars.remove_task(self._tasks.pop(run.name))
+            self._bars.refresh()
+        self.say(f"[{self._ended:>{len(str(self._total))}}/{self._total}] {run.name}: {text}")
 
     def say(self, text: str) -> None:
         """A line."""
         if self._console.is_terminal:
-            self._console.print(text, highlight=False, markup=False)
+            self._console.print(text, highlight=False, markup=False, soft_wrap=True)
         else:
             print(text, file=self._console.file, flush=True)
 
