@@ -22,7 +22,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] == "vhs":
             raise
-        print(f"vhs: {error.name} is not installed; pip install 'vhs[train]'", file=sys.stderr)
+        extra = "report" if error.name == "rliable" else "train"
+        print(f"vhs: {error.name} is not installed; pip install 'vhs[{extra}]'", file=sys.stderr)
         return 1
     except VhsError as error:
         print(f"vhs: {error}", file=sys.stderr)
@@ -41,6 +42,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_export(
         commands.add_parser("export", help="write a trained agent to a directory small enough to ship")
     )
+    _add_sweep(commands.add_parser("sweep", help="train and evaluate a grid of configurations and seeds"))
+    _add_compare(commands.add_parser("compare", help="compare trained agents over their seeds"))
     return parser
 
 
@@ -85,6 +88,33 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=_export)
 
 
+def _add_sweep(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", type=Path, metavar="FILE", help="YAML sweep file (see docs/comparing.md)")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="directory of the runs (default: runs/NAME-OF-FILE)"
+    )
+    parser.add_argument("--jobs", type=_positive, metavar="N", help="runs side by side (default: one a core)")
+    parser.set_defaults(run=_sweep)
+
+
+def _add_compare(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="a run, or a directory of runs")
+    parser.add_argument(
+        "--reference", metavar="RUN-OR-GROUP", help="what SRR and SEI refer to (default: the first group)"
+    )
+    parser.add_argument(
+        "--rate", type=_share, default=0.743, metavar="X", help="success rate to reach (default: 0.743)"
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("runs/compare"),
+        metavar="DIR",
+        help="where compare.md, .csv and .json go (default: runs/compare)",
+    )
+    parser.set_defaults(run=_compare)
+
+
 def _train(options: argparse.Namespace) -> int:
     from vhs.config import load_config
     from vhs.train import train
@@ -96,7 +126,8 @@ def _train(options: argparse.Namespace) -> int:
 
 
 def _eval(options: argparse.Namespace) -> int:
-    from vhs.eval import evaluate
+    from vhs.errors import OutputError
+    from vhs.eval import evaluate, record_evaluation
 
     result = evaluate(
         options.run_directory, episodes=options.episodes, seed=options.seed, greedy=options.greedy
@@ -106,6 +137,11 @@ def _eval(options: argparse.Namespace) -> int:
     else:
         for name, value in result.items():
             print(f"{name} {value:.3f}" if isinstance(value, float) else f"{name} {value}")
+    try:
+        record_evaluation(options.run_directory, result)
+    except OutputError as error:
+        # The result is on the screen, so a run on a read-only disk is no failure.
+        print(f"vhs: {error}; the evaluation is not recorded", file=sys.stderr)
     return 0
 
 
@@ -117,6 +153,33 @@ def _export(options: argparse.Namespace) -> int:
     print(f"exported {options.directory} ({trained.trained_episodes} episodes, {size / 1e6:.1f} MB)")
     print(f"evaluate it:  vhs eval {options.directory}")
     return 0
+
+
+def _sweep(options: argparse.Namespace) -> int:
+    from vhs.sweep.runner import sweep
+
+    try:
+        return sweep(options.file, options.out or Path("runs") / options.file.stem, options.jobs)
+    except KeyboardInterrupt:
+        # The second Ctrl-C, or one while nothing runs: the runs are ended, and resume from their checkpoints.
+        return 130
+
+
+def _compare(options: argparse.Namespace) -> int:
+    from vhs.eval.compare import compare
+    from vhs.eval.tables import as_markdown, write_comparison
+
+    comparison = compare(options.runs, rate=options.rate, reference=options.reference)
+    print(as_markdown(comparison))
+    write_comparison(comparison, options.out)
+    return 0
+
+
+def _share(text: str) -> float:
+    number = float(text)
+    if not 0 < number <= 1:
+        raise argparse.ArgumentTypeError(f"expected a share above 0 and up to 1, found {text}")
+    return number
 
 
 def _positive(text: str) -> int:

@@ -200,15 +200,23 @@ def load_config(paths: Sequence[Path | str] = (), overrides: Iterable[str] = ())
         ConfigError: a file that cannot be read, an unknown key (the nearest right one is named), a value of
             the wrong type or out of range.
     """
+    trees = [read_yaml(Path(path)) for path in paths]
+    return resolve_config([*trees, *map(_parse_assignment, overrides)])
+
+
+def resolve_config(trees: Iterable[Mapping[str, Any]]) -> Config:
+    """Resolve a configuration from nested mappings, later ones over earlier ones.
+
+    Raises:
+        ConfigError: as `load_config`.
+    """
     tree: dict[str, Any] = {}
-    for path in paths:
-        _merge(tree, _read(Path(path)))
-    for assignment in overrides:
-        _merge(tree, _parse_assignment(assignment))
+    for overlay in trees:
+        _merge(tree, overlay)
     try:
         return Config.model_validate(tree)
     except ValidationError as error:
-        raise ConfigError("\n".join(_explain(detail) for detail in error.errors())) from None
+        raise ConfigError(explain(error, list(known_keys()))) from None
 
 
 def dump_config(config: Config) -> str:
@@ -216,7 +224,12 @@ def dump_config(config: Config) -> str:
     return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
 
 
-def _read(path: Path) -> dict[str, Any]:
+def read_yaml(path: Path) -> dict[str, Any]:
+    """A YAML file that holds a mapping.
+
+    Raises:
+        ConfigError: it cannot be read, or holds something else.
+    """
     try:
         tree = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -238,7 +251,12 @@ def _parse_assignment(assignment: str) -> dict[str, Any]:
         value = yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise ConfigError(f"--set {key}: expected a YAML value, found {text!r}") from error
-    for part in reversed(key.strip().split(".")):
+    return nest(key.strip(), value)
+
+
+def nest(key: str, value: Any) -> dict[str, Any]:
+    """``nest("a.b", 1)`` is ``{"a": {"b": 1}}``."""
+    for part in reversed(key.split(".")):
         value = {part: value}
     return dict(value)
 
@@ -252,10 +270,15 @@ def _merge(tree: dict[str, Any], overlay: Mapping[str, Any]) -> None:
             tree[key] = dict(value) if isinstance(value, Mapping) else value
 
 
-def _explain(detail: ErrorDetails) -> str:
+def explain(error: ValidationError, keys: Sequence[str]) -> str:
+    """A line for each thing that is wrong: expected and found; `keys` are the known ones."""
+    return "\n".join(_explain(detail, keys) for detail in error.errors())
+
+
+def _explain(detail: ErrorDetails, keys: Sequence[str]) -> str:
     where = ".".join(str(part) for part in detail["loc"])
     if detail["type"] == "extra_forbidden":
-        return unknown_key(where, list(known_keys()))
+        return unknown_key(where, keys)
     if detail["type"] == "value_error":
         return str(detail["ctx"]["error"])
     found = detail["input"]

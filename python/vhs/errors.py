@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from vhs._core import VhsError
 
-__all__ = ["CheckpointError", "ConfigError", "DivergenceError", "VhsError"]
+__all__ = ["CheckpointError", "ComparisonError", "ConfigError", "DivergenceError", "OutputError", "VhsError"]
 
 
 class ConfigError(VhsError, ValueError):
@@ -18,5 +18,13 @@ class CheckpointError(VhsError, RuntimeError):
     """A run directory or checkpoint that is missing, damaged or made with another configuration."""
 
 
+class ComparisonError(VhsError, ValueError):
+    """Runs that cannot be compared: another task, no evaluation, evaluated in another way."""
+
+
 class DivergenceError(VhsError, ArithmeticError):
     """A loss or gradient that is not finite; the weights were left as they were."""
+
+
+class OutputError(VhsError, RuntimeError):
+    """Something that cannot be shown or written: no display, no such folder, no encoder, no permission."""

@@ -4,9 +4,11 @@ import json
 from io import StringIO
 from pathlib import Path
 
+import pytest
 import torch
 
 from vhs import Outcome
+from vhs.errors import CheckpointError
 from vhs.train.log import RunLog, Window, read_log
 from vhs.train.rollout import EndedEpisode
 
@@ -49,6 +51,16 @@ def test_a_torn_last_line_is_left_out_and_then_cleaned(tmp_path: Path) -> None:
     assert [one["episodes"] for one in read_log(tmp_path)] == [10]
     write(tmp_path, 10, row(20))
     assert [one["episodes"] for one in read_log(tmp_path)] == [10, 20]
+
+
+@pytest.mark.parametrize("line", [b'{"episodes": 2', b"[1]", b"{}", b"", b"\xff\xfe"])
+def test_a_damaged_line_is_named(line: bytes, tmp_path: Path) -> None:
+    write(tmp_path, 0, row(10), row(20))
+    path = tmp_path / "log.jsonl"
+    lines = path.read_bytes().splitlines()
+    path.write_bytes(b"\n".join([lines[0], line, lines[1]]) + b"\n")
+    with pytest.raises(CheckpointError, match=r"log\.jsonl:2: damaged line: expected a JSON object"):
+        read_log(tmp_path)
 
 
 def test_numbers_that_json_cannot_hold_become_null(tmp_path: Path) -> None:

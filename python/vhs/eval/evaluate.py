@@ -42,6 +42,7 @@ class Evaluation:
     """Mean actions of the oracle in the same episodes."""
     episodes: int
     seed: int
+    greedy: bool
     trained_episodes: int
 
     def as_dict(self) -> dict[str, Any]:
@@ -78,6 +79,7 @@ def evaluate(run: Path, *, episodes: int = 300, seed: int = 0, greedy: bool = Fa
         episodes=episodes,
         seed=seed,
         trained_episodes=trained.trained_episodes,
+        greedy=greedy,
     )
 
 

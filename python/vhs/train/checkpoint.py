@@ -114,6 +114,11 @@ def has_checkpoint(run: Path) -> bool:
     return bool(_checkpoints(run))
 
 
+def newest_checkpoint(run: Path) -> int:
+    """Episodes behind the newest checkpoint of a run, 0 if there is none."""
+    return max((int(path.name.removeprefix(_PREFIX)) for path in _checkpoints(run)), default=0)
+
+
 def _checkpoints(run: Path) -> list[Path]:
     return sorted((run / _DIRECTORY).glob(f"{_PREFIX}*"))
 

@@ -15,6 +15,7 @@ from vhs import __version__
 from vhs.config import Config, dump_config, load_config
 from vhs.errors import CheckpointError, ConfigError
 from vhs.train.checkpoint import remove_partial_checkpoints
+from vhs.variants import differing_keys, flat_config
 
 CONFIG_NAME = "config.yaml"
 META_NAME = "run.json"
@@ -126,15 +127,7 @@ def describe() -> dict[str, Any]:
 
 
 def _changed_keys(old: Config, new: Config) -> set[str]:
-    before, after = _flatten(old.model_dump(mode="json")), _flatten(new.model_dump(mode="json"))
-    return {key for key in before.keys() | after.keys() if before.get(key) != after.get(key)}
-
-
-def _flatten(tree: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in tree.items():
-        flat |= _flatten(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key: value}
-    return flat
+    return set(differing_keys([flat_config(old), flat_config(new)]))
 
 
 def _write(path: Path, text: str) -> None:

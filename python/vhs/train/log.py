@@ -16,6 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from torch.utils.tensorboard import SummaryWriter
 
 from vhs import Outcome
+from vhs.errors import CheckpointError
 from vhs.train.rollout import EndedEpisode
 
 LOG_NAME = "log.jsonl"
@@ -168,12 +169,29 @@ class RunLog:
 
 
 def read_log(run: Path) -> list[dict[str, Any]]:
-    """The rows of a run's log; a torn last line, as a kill leaves it, is left out."""
+    """The rows of a run's log; a torn last line, as a kill leaves it, is left out.
+
+    Raises:
+        CheckpointError: another line is damaged; it is named.
+    """
     path = run / LOG_NAME
     if not path.exists():
         return []
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    return [json.loads(line) for line in lines if line.endswith("\n")]
+    whole = path.read_bytes().split(b"\n")[:-1]
+    return [_parse(line, f"{path}:{number}") for number, line in enumerate(whole, 1)]
+
+
+def _parse(line: bytes, where: str) -> dict[str, Any]:
+    try:
+        row = json.loads(line)
+    except ValueError:
+        row = None
+    if not isinstance(row, dict) or not isinstance(row.get("episodes"), int):
+        found = line[:40].decode(errors="replace")
+        raise CheckpointError(
+            f"{where}: damaged line: expected a JSON object with `episodes`, found {found!r}"
+        )
+    return row
 
 
 def _keep_rows_up_to(path: Path, episode: int) -> None:

@@ -1,0 +1,87 @@
+"""A line a run: bars of the running ones on a terminal, and one lasting line for each that ended."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import TracebackType
+from typing import TextIO
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+
+from vhs.sweep.plan import EvalSection, PlannedRun
+from vhs.sweep.state import find_evaluation, newest_row
+
+
+class SweepDisplay:
+    """Tells a person how a sweep goes."""
+
+    def __init__(self, total: int, stream: TextIO | None = None) -> None:
+        """Show `total` runs on `stream`, standard output by default."""
+        self._total = total
+        self._ended = 0
+        self._console = Console(file=stream or sys.stdout)
+        self._tasks: dict[str, TaskID] = {}
+        self._bars: Progress | None = None
+        if self._console.is_terminal:
+            self._bars = Progress(
+                TextColumn("{task.fields[name]}"),
+                BarColumn(bar_width=8),
+                MofNCompleteColumn(),
+                TextColumn("{task.description}"),
+                TimeRemainingColumn(),
+                console=self._console,
+            )
+
+    def begin(self, run: PlannedRun, directory: Path) -> None:
+        """A run begins, or goes on."""
+        if self._bars is not None:
+            total = run.config.train.episodes
+            self._tasks[run.name] = self._bars.add_task("starting", total=total, name=run.name)
+            self.advance(run, directory)
+
+    def advance(self, run: PlannedRun, directory: Path) -> None:
+        """Move the bar of a running run to the newest row of its log."""
+        row = newest_row(directory) if self._bars is not None else None
+        if self._bars is not None and row is not None:
+            success = f"success {row.get('rate/success', 0):.1%}"
+            self._bars.update(self._tasks[run.name], completed=row["episodes"], description=success)
+
+    def end(self, run: PlannedRun, text: str) -> None:
+        """A run is over; its line stays."""
+        self._ended += 1
+        if self._bars is not None and run.name in self._tasks:
+            self._bars.remove_task(self._tasks.pop(run.name))
+            self._bars.refresh()
+        self.say(f"[{self._ended:>{len(str(self._total))}}/{self._total}] {run.name}: {text}")
+
+    def say(self, text: str) -> None:
+        """A line."""
+        if self._console.is_terminal:
+            self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+        else:
+            print(text, file=self._console.file, flush=True)
+
+    def __enter__(self) -> SweepDisplay:
+        """The display itself."""
+        if self._bars is not None:
+            self._bars.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave the terminal as it was."""
+        if self._bars is not None:
+            self._bars.stop()
+
+
+def describe_result(directory: Path, evaluation: EvalSection) -> str:
+    """``success 93.3%, SPL 0.612, 100,000 episodes, 55.1 min``."""
+    found, row = find_evaluation(directory, evaluation), newest_row(directory)
+    if found is None:
+        return "not evaluated"
+    minutes = f", {row['time/minutes']:.1f} min" if row and "time/minutes" in row else ""
+    rates = f"success {found['success']:.1%}, SPL {found['spl']:.3f}"
+    return f"{rates}, {found['trained_episodes']:,} episodes{minutes}"

@@ -1,0 +1,175 @@
+"""The sweep file: its schema, and the runs that it asks for.
+
+A sweep is base configurations, keys set on top, and grids: every combination of a grid's values, with every
+seed, is a run. Combinations that resolve to the same configuration are one run.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import yaml
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from vhs.config import Config, explain, known_keys, nest, read_yaml, resolve_config
+from vhs.errors import ConfigError
+from vhs.variants import describe_keys, differing_keys, flat_config
+
+RESERVED = {
+    "seed": "seeds stand in `seeds`",
+    "env.num_workers": "a sweep chooses it by the cores of a run",
+    "train.threads": "a sweep chooses it by the cores of a run",
+}
+"""Keys that a sweep file may not set, and why."""
+
+
+def _unique(seeds: tuple[int, ...]) -> tuple[int, ...]:
+    if len(set(seeds)) < len(seeds):
+        raise ValueError(f"seeds: expected each seed once, found {list(seeds)}")
+    return seeds
+
+
+def _free(keys: Mapping[str, Any]) -> Mapping[str, Any]:
+    for key in keys:
+        if key in RESERVED:
+            raise ValueError(f"{key}: expected another key, {RESERVED[key]}")
+    return keys
+
+
+Seeds = Annotated[
+    tuple[Annotated[int, Field(ge=0, lt=2**31)], ...], Field(min_length=1), AfterValidator(_unique)
+]
+Keys = Annotated[dict[str, Any], AfterValidator(_free)]
+Values = Annotated[dict[str, Annotated[list[Any], Field(min_length=1)]], AfterValidator(_free)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class EvalSection(_Section):
+    """How every finished run is evaluated: the options of ``vhs eval``."""
+
+    episodes: Annotated[int, Field(ge=1)] = 300
+    seed: Annotated[int, Field(ge=0)] = 0
+    greedy: bool = False
+
+
+class GridSection(_Section):
+    """One grid: the product of its values."""
+
+    set: Keys = Field(default_factory=dict)
+    """Dotted keys for this grid alone, over those of the sweep."""
+    grid: Values = Field(default_factory=dict)
+    """Dotted key to the values that it takes."""
+    seeds: Seeds | None = None
+    """Seeds of this grid; null takes those of the sweep."""
+
+
+class Sweep(_Section):
+    """The content of a sweep file."""
+
+    base: tuple[str, ...] = ()
+    """Configuration files, relative to the sweep file, later ones over earlier ones."""
+    set: Keys = Field(default_factory=dict)
+    """Dotted keys over the base, as ``vhs train --set`` takes them."""
+    seeds: Seeds = (0,)
+    eval: EvalSection = Field(default_factory=EvalSection)
+    grids: Annotated[tuple[GridSection, ...], Field(min_length=1)]
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedRun:
+    """One configuration with one seed."""
+
+    name: str
+    """Task, method, the keys that the grids changed, seed: also the directory of the run."""
+    config: Config
+    arguments: tuple[str, ...]
+    """Of ``vhs train``, without ``--out``."""
+
+
+def read_sweep(path: Path) -> Sweep:
+    """Read a sweep file.
+
+    Raises:
+        ConfigError: a file that cannot be read, an unknown key (the nearest one is named), a wrong value.
+    """
+    try:
+        return Sweep.model_validate(read_yaml(path))
+    except ValidationError as error:
+        keys = [*known_keys(Sweep), *known_keys(GridSection, "grids.")]
+        raise ConfigError(f"{path}: {explain(error, keys)}") from None
+
+
+def plan_runs(path: Path, sweep: Sweep, cores_per_run: int) -> list[PlannedRun]:
+    """The runs of a sweep, every configuration with its first seed before any with its second.
+
+    Args:
+        path: the sweep file, for the base files beside it.
+        sweep: its content.
+        cores_per_run: processes that a run may have: one learns, the others step the rooms.
+
+    Raises:
+        ConfigError: a combination that is no configuration, or two that would have the same name.
+    """
+    bases = [Path(os.path.normpath(path.parent / base)) for base in sweep.base]
+    trees = [read_yaml(base) for base in bases]
+    plain = _resolve(trees, sweep.set, str(path))
+    runs: dict[str, PlannedRun] = {}
+    for where, keys in _combinations(sweep):
+        config = _resolve(trees, keys | {"env.num_workers": 0}, f"{path}: {where}")
+        keys |= {"env.num_workers": _workers(config.env.num_envs, cores_per_run), "train.threads": 1}
+        config = _resolve(trees, keys, f"{path}: {where}")
+        run = PlannedRun(_name(plain, config), config, _arguments(bases, keys))
+        if runs.setdefault(run.name, run).config != config:
+            raise ConfigError(f"{path}: {where}: another run is called {run.name} too")
+    return list(runs.values())
+
+
+def _combinations(sweep: Sweep) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Where it stands in the file, and the keys, for every run."""
+    most = max(len(section.seeds or sweep.seeds) for section in sweep.grids)
+    for position in range(most):
+        for number, section in enumerate(sweep.grids):
+            seeds = section.seeds or sweep.seeds
+            for values in itertools.product(*section.grid.values()) if position < len(seeds) else ():
+                combination = dict(zip(section.grid, values, strict=True))
+                yield f"grids.{number}", {**sweep.set, **section.set, **combination, "seed": seeds[position]}
+
+
+def _workers(num_envs: int, cores_per_run: int) -> int:
+    """One core is the learner's; of the others as many as share the rooms evenly step them."""
+    return next(count for count in range(cores_per_run - 1, -1, -1) if count == 0 or num_envs % count == 0)
+
+
+def _resolve(trees: list[dict[str, Any]], keys: Mapping[str, Any], where: str) -> Config:
+    try:
+        return resolve_config([*trees, *(nest(key, value) for key, value in keys.items())])
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from error
+
+
+def _name(plain: Config, config: Config) -> str:
+    flat = flat_config(config)
+    named = {"task", "method.name", *RESERVED}
+    changed = [key for key in differing_keys([flat_config(plain), flat]) if key not in named]
+    return "-".join([config.task, config.method.name, *describe_keys(flat, changed), f"seed{config.seed}"])
+
+
+def _arguments(bases: list[Path], keys: Mapping[str, Any]) -> tuple[str, ...]:
+    files = itertools.chain.from_iterable(("--config", str(base)) for base in bases)
+    assignments = itertools.chain.from_iterable(
+        ("--set", f"{key}={_yaml(value)}") for key, value in keys.items()
+    )
+    return (*files, *assignments)
+
+
+def _yaml(value: Any) -> str:
+    """A value as one line of YAML."""
+    return yaml.safe_dump(value, default_flow_style=True, width=2**31).removesuffix("...\n").strip()

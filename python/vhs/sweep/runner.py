@@ -1,0 +1,227 @@
+"""Runs a sweep: every run as a process of its own on cores of its own, `vhs train` and then `vhs eval`.
+
+Nothing about progress is kept but the runs themselves: a sweep that starts again looks at each and does what
+is left.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TextIO
+
+from vhs.errors import ConfigError, VhsError
+from vhs.sweep import launch
+from vhs.sweep.display import SweepDisplay, describe_result
+from vhs.sweep.lock import hold
+from vhs.sweep.plan import EvalSection, PlannedRun, plan_runs, read_sweep
+from vhs.sweep.state import Stage, newest_row, next_stage
+from vhs.train.build import check_runnable
+from vhs.train.directory import check_run
+from vhs.train.interrupt import StopRequest, stop_on_signal
+
+_POLL_S = 0.2
+_DISPLAY_S = 2.0
+
+
+def sweep(path: Path, out: Path, jobs: int | None = None, stream: TextIO | None = None) -> int:
+    """Train and evaluate every run of a sweep file that is not finished yet.
+
+    Args:
+        path: the sweep file.
+        out: directory of the runs; what they print goes to `logs/` in it.
+        jobs: runs side by side, each on an equal share of the cores; None takes one core a run.
+        stream: where a person reads along; standard output by default.
+
+    Returns:
+        0 when all runs are finished, 1 when some failed, 130 when a signal stopped the sweep.
+
+    Raises:
+        ConfigError: the sweep file or `jobs` cannot be used; nothing was started.
+        CheckpointError: a directory holds another configuration's run; nothing was started.
+        OutputError: `out` cannot be written, or another sweep is at work in it.
+    """
+    slots = share_cores(_available_cores(), jobs)
+    content = read_sweep(path)
+    workers = sys.platform.startswith("linux")
+    runs = plan_runs(path, content, len(slots[0]) if workers else 1)
+    for run in runs:
+        check_runnable(run.config)
+        check_run(run.config, out / run.name)
+    with hold(out, stream) as lock, SweepDisplay(len(runs), stream) as display, stop_on_signal() as stop:
+        status = _Sweep(runs, content.eval, out, slots, lock, display).run(stop)
+        if status == 0:
+            for task in sorted({run.config.task for run in runs}):
+                display.say(f"compare them:  vhs compare {out / task}-*")
+        return status
+
+
+def share_cores(cores: Sequence[int], jobs: int | None) -> list[tuple[int, ...]]:
+    """Disjoint shares of the cores, all of the same size: runs of one sweep must be comparable in minutes.
+
+    Raises:
+        ConfigError: more jobs than cores.
+    """
+    count = len(cores) if jobs is None else jobs
+    if count > len(cores):
+        raise ConfigError(f"--jobs: expected at most {len(cores)}, the cores that there are, found {count}")
+    size = len(cores) // count
+    return [tuple(cores[index * size : (index + 1) * size]) for index in range(count)]
+
+
+@dataclass(slots=True)
+class _Active:
+    """A run with a process."""
+
+    run: PlannedRun
+    stage: Stage
+    slot: tuple[int, ...]
+    process: subprocess.Popen[bytes]
+
+
+class _Sweep:
+    """The runs that wait, those that have a process, and the cores that are free."""
+
+    def __init__(
+        self,
+        runs: Sequence[PlannedRun],
+        evaluation: EvalSection,
+        out: Path,
+        slots: Sequence[tuple[int, ...]],
+        lock: int,
+        display: SweepDisplay,
+    ) -> None:
+        self._waiting = deque(runs)
+        self._evaluation = evaluation
+        self._out = out
+        self._free = list(reversed(slots))
+        self._lock = lock
+        self._display = display
+        self._active: list[_Active] = []
+        self._failed = 0
+
+    def run(self, stop: StopRequest) -> int:
+        """Until nothing waits and nothing runs, or until a signal; no process is left in any case."""
+        try:
+            shown = time.monotonic()
+            while (self._waiting or self._active) and not stop.is_set:
+                self._fill()
+                time.sleep(_POLL_S)
+                self._reap()
+                if time.monotonic() - shown > _DISPLAY_S:
+                    shown = time.monotonic()
+                    for active in self._active:
+                        self._display.advance(active.run, self._out / active.run.name)
+            if stop.is_set:
+                self._stop(stop.signal_name)
+                return 130
+        finally:
+            for active in self._active:
+                active.process.kill()
+                active.process.wait()
+        return 1 if self._failed else 0
+
+    def _fill(self) -> None:
+        """Give free cores to waiting runs; what is finished or cannot go on needs none."""
+        while self._waiting and self._free:
+            run = self._waiting.popleft()
+            stage = self._next_stage(run)
+            if stage == "finished":
+                self._display.end(run, f"finished before: {self._result(run)}")
+            elif stage is not None:
+                self._display.begin(run, self._out / run.name)
+                self._start(run, stage, self._free.pop())
+
+    def _start(self, run: PlannedRun, stage: Stage, slot: tuple[int, ...]) -> None:
+        directory, evaluation = self._out / run.name, self._evaluation
+        if stage == "train":
+            arguments = ["train", *run.arguments, "--out", str(directory)]
+        else:
+            arguments = ["eval", str(directory), "--episodes", str(evaluation.episodes)]
+            arguments += ["--seed", str(evaluation.seed), *(["--greedy"] if evaluation.greedy else [])]
+        cores = ",".join(map(str, slot))
+        with self._log_path(run).open("ab") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-IS", launch.__file__, str(os.getpid()), cores, *arguments],
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env=os.environ | {"OMP_NUM_THREADS": "1"},
+                pass_fds=(self._lock,),
+                # Ctrl-C goes to a whole process group; a run that got it from the terminal and from here
+                # would take the second one as an order to end at once.
+                process_group=0,
+            )
+        self._active.append(_Active(run, stage, slot, process))
+
+    def _reap(self) -> None:
+        """Take leave of processes that ended: on to the evaluation, or free the cores."""
+        ended = [active for active in self._active if active.process.poll() is not None]
+        for active in ended:
+            self._active.remove(active)
+            stage = self._stage_after(active)
+            if stage == "eval":
+                self._start(active.run, stage, active.slot)
+                continue
+            self._free.append(active.slot)
+            if stage == "finished":
+                self._display.end(active.run, self._result(active.run))
+
+    def _stage_after(self, active: _Active) -> Stage | None:
+        """What follows a process; None where it failed, which is then said."""
+        if active.process.returncode != 0:
+            self._fail(active.run, _last_line(self._log_path(active.run)))
+            return None
+        stage = self._next_stage(active.run)
+        if stage == active.stage:
+            self._fail(active.run, f"`vhs {stage}` ended without a result")
+            return None
+        return stage
+
+    def _next_stage(self, run: PlannedRun) -> Stage | None:
+        try:
+            return next_stage(run, self._out / run.name, self._evaluation)
+        except VhsError as error:
+            self._fail(run, str(error))
+            return None
+
+    def _fail(self, run: PlannedRun, why: str) -> None:
+        self._failed += 1
+        self._display.end(run, f"failed: {why} (see {self._log_path(run)})")
+
+    def _stop(self, signal_name: str) -> None:
+        """Ask every run to save and end, and wait for them."""
+        self._display.say(f"{signal_name}: {len(self._active)} runs save and end; the same command resumes")
+        for active in self._active:
+            active.process.send_signal(signal.SIGTERM)
+        for active in self._active:
+            # A second Ctrl-C raises here, and `run` kills what is left.
+            active.process.wait()
+            row = newest_row(self._out / active.run.name)
+            episodes = row["episodes"] if row else 0
+            self._display.say(f"{active.run.name}: stopped at episode {episodes:,}")
+
+    def _result(self, run: PlannedRun) -> str:
+        return describe_result(self._out / run.name, self._evaluation)
+
+    def _log_path(self, run: PlannedRun) -> Path:
+        return self._out / "logs" / f"{run.name}.txt"
+
+
+def _available_cores() -> list[int]:
+    """Cores that this process may use, where the system says so."""
+    if sys.platform.startswith("linux"):
+        return sorted(os.sched_getaffinity(0))
+    return list(range(os.cpu_count() or 1))
+
+
+def _last_line(path: Path) -> str:
+    lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
+    return next((line.strip() for line in reversed(lines) if line.strip()), "no word")

@@ -1,0 +1,42 @@
+"""How far a run of a sweep is, read from its directory alone: that is what makes a sweep resumable."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from vhs.errors import VhsError
+from vhs.eval.record import read_evaluations
+from vhs.sweep.plan import EvalSection, PlannedRun
+from vhs.train.checkpoint import newest_checkpoint
+from vhs.train.log import read_log
+
+Stage = Literal["train", "eval", "finished"]
+
+
+def next_stage(run: PlannedRun, directory: Path, evaluation: EvalSection) -> Stage:
+    """What is left to do: training, its evaluation, or nothing.
+
+    Raises:
+        CheckpointError: the evaluations are damaged.
+    """
+    if newest_checkpoint(directory) < run.config.train.episodes:
+        return "train"
+    return "eval" if find_evaluation(directory, evaluation) is None else "finished"
+
+
+def find_evaluation(directory: Path, evaluation: EvalSection) -> Mapping[str, Any] | None:
+    """The wanted evaluation of the newest checkpoint, if it is there."""
+    wanted = evaluation.model_dump() | {"trained_episodes": newest_checkpoint(directory)}
+    entries = read_evaluations(directory)
+    return next((entry for entry in entries if wanted.items() <= entry.items()), None)
+
+
+def newest_row(directory: Path) -> Mapping[str, Any] | None:
+    """The last row of a run's log; None where there is none that can be read."""
+    try:
+        rows = read_log(directory)
+    except VhsError:
+        return None
+    return rows[-1] if rows else None

@@ -1,0 +1,48 @@
+"""Configurations as flat keys, and the short names that tell variants of one apart."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from vhs.config import Config, known_keys
+
+
+def flat_config(config: Config) -> dict[str, Any]:
+    """Dotted key to plain value, for every key of a configuration."""
+    return flatten(config.model_dump(mode="json"))
+
+
+def flatten(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """A nested mapping as one of dotted keys."""
+    flat: dict[str, Any] = {}
+    for key, value in tree.items():
+        flat |= flatten(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {prefix + key: value}
+    return flat
+
+
+def differing_keys(variants: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Keys whose value is not the same in all of some flat configurations, in the order of the schema."""
+    keys = dict.fromkeys(key for variant in variants for key in variant)
+    return [key for key in keys if any(v.get(key) != variants[0].get(key) for v in variants[1:])]
+
+
+def describe_keys(flat: Mapping[str, Any], keys: Iterable[str]) -> list[str]:
+    """``["relabel_probability=0.4", "relabel_on=failure+timeout"]``: fit for a table and a file name."""
+    return [f"{_short(key)}={_shown(flat.get(key))}" for key in keys]
+
+
+def _short(key: str) -> str:
+    """The last part of a key where no other key ends in it."""
+    leaf = key.rpartition(".")[2]
+    leaves = Counter(known.rpartition(".")[2] for known in known_keys())
+    return leaf if leaves[leaf] == 1 else key
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, list | tuple):
+        return "+".join(map(_shown, value)) or "none"
+    text = "null" if value is None else str(value)
+    return re.sub(r"[^\w.+-]", "_", text)

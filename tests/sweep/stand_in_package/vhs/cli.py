@@ -1,0 +1,60 @@
+"""A `vhs` for the runs of a sweep that does nothing in no time, and keeps a journal of what it was asked for.
+
+`STAND_IN_S` is how long a training takes, `STAND_IN_FAILS` a piece of the name of a run whose training fails.
+"""
+
+import json
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+
+def note(event: str, **more: object) -> None:
+    entry = {"event": event, "time": time.monotonic(), "pid": os.getpid(), "run": RUN.name, **more}
+    with Path(os.environ["STAND_IN_JOURNAL"]).open("a") as file:
+        file.write(json.dumps(entry) + "\n")
+
+
+def save(episodes: int) -> None:
+    (RUN / "checkpoints" / f"episode-{episodes:09d}").mkdir(parents=True, exist_ok=True)
+
+
+def stop(number: int, frame: object) -> None:
+    note("stopped")
+    time.sleep(0.2)
+    save(1)
+    note("end")
+    sys.exit(130)
+
+
+def train() -> None:
+    signal.signal(signal.SIGTERM, stop)
+    note("train", cores=sorted(os.sched_getaffinity(0)), omp=os.environ["OMP_NUM_THREADS"])
+    if os.environ.get("STAND_IN_FAILS", "nothing") in RUN.name:
+        print("training\nvhs: the roof fell in\n")
+        note("end")
+        sys.exit(1)
+    time.sleep(float(os.environ["STAND_IN_S"]))
+    settings = dict(value.split("=", 1) for value in sys.argv if "=" in value)
+    save(int(settings["train.episodes"]))
+    note("end")
+
+
+def evaluate() -> None:
+    note("eval", cores=sorted(os.sched_getaffinity(0)), omp=os.environ["OMP_NUM_THREADS"])
+    trained = max(int(path.name.removeprefix("episode-")) for path in (RUN / "checkpoints").iterdir())
+    rates = {"success": 0.5, "failure": 0.25, "timeout": 0.25, "spl": 0.25}
+    asked = {
+        "trained_episodes": trained,
+        "seed": int(sys.argv[sys.argv.index("--seed") + 1]),
+        "greedy": "--greedy" in sys.argv,
+        "episodes": int(sys.argv[sys.argv.index("--episodes") + 1]),
+    }
+    (RUN / "eval.json").write_text(json.dumps([rates | asked]))
+    note("end")
+
+
+RUN = Path(sys.argv[sys.argv.index("--out") + 1] if sys.argv[1] == "train" else sys.argv[2])
+train() if sys.argv[1] == "train" else evaluate()

@@ -1,0 +1,116 @@
+"""Sweep files: what they ask for, by which names, and what they may not say."""
+
+import re
+from pathlib import Path
+from typing import get_args
+
+import pytest
+
+from vhs.cli import _parser
+from vhs.config import MethodSection, load_config
+from vhs.errors import ConfigError
+from vhs.sweep.plan import PlannedRun, plan_runs, read_sweep
+
+SWEEPS = Path(__file__).parents[2] / "configs" / "sweeps"
+METHODS = {"a3c", "gdan", "gcsl", "pg", "vhs"}
+HAS_BASELINES = set(get_args(MethodSection.model_fields["name"].annotation)) >= METHODS
+
+
+def plan(root: Path, text: str, cores_per_run: int = 1) -> list[PlannedRun]:
+    (root / "base.yaml").write_text("task: task1\nenv: {num_envs: 4}\n")
+    (root / "sweep.yaml").write_text(text)
+    return plan_runs(root / "sweep.yaml", read_sweep(root / "sweep.yaml"), cores_per_run)
+
+
+GRIDS = """
+base: [base.yaml]
+set: {train.episodes: 40}
+seeds: [3, 5]
+grids:
+  - grid:
+      method.relabel_probability: [0.4, 0.8]
+      method.relabel_on: [[failure], [failure, timeout]]
+  - set: {method.vhs_weight: 0.0}
+    seeds: [3]
+"""
+
+
+def test_every_combination_runs_with_its_first_seed_first(tmp_path: Path) -> None:
+    assert [run.name for run in plan(tmp_path, GRIDS)] == [
+        "task1-vhs-relabel_probability=0.4-seed3",
+        "task1-vhs-relabel_probability=0.4-relabel_on=failure+timeout-seed3",
+        "task1-vhs-seed3",
+        "task1-vhs-relabel_on=failure+timeout-seed3",
+        "task1-vhs-vhs_weight=0.0-seed3",
+        "task1-vhs-relabel_probability=0.4-seed5",
+        "task1-vhs-relabel_probability=0.4-relabel_on=failure+timeout-seed5",
+        "task1-vhs-seed5",
+        "task1-vhs-relabel_on=failure+timeout-seed5",
+    ]
+
+
+def test_the_command_of_a_run_makes_its_configuration(tmp_path: Path) -> None:
+    for run in plan(tmp_path, GRIDS + "  - grid: {env.room: [{stride_m: 1.0e-05}], task: [task3]}\n"):
+        options = _parser().parse_args(["train", *run.arguments])
+        assert load_config(options.config, options.set) == run.config
+    assert run.config.env.room == {"stride_m": 1e-05}
+    assert run.config.task == "task3"
+
+
+def test_a_configuration_that_two_grids_ask_for_is_one_run(tmp_path: Path) -> None:
+    text = "grids: [{grid: {method.relabel_probability: [0.4, 0.8]}}, {grid: {method.vhs_weight: [0.5, 1]}}]"
+    assert [run.name for run in plan(tmp_path, text)] == [
+        "task2-vhs-relabel_probability=0.4-seed0",
+        "task2-vhs-seed0",
+        "task2-vhs-vhs_weight=0.5-seed0",
+    ]
+
+
+@pytest.mark.parametrize(("cores", "workers"), [(1, 0), (2, 1), (3, 2), (4, 2), (5, 4), (9, 4)])
+def test_a_run_has_no_more_processes_than_cores(cores: int, workers: int, tmp_path: Path) -> None:
+    (run,) = plan(tmp_path, "base: [base.yaml]\ngrids: [{}]", cores)
+    assert run.config.env.num_workers == workers
+    assert 1 + workers <= cores
+    assert run.config.train.threads == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("grid: []\ngrids: [{}]", r"unknown key `grid`; did you mean `grids`\?"),
+        ("grids: [{gird: {}}]", r"unknown key `grids\.0\.gird`; did you mean `grids\.grid`\?"),
+        ("seeds: [0]", "grids: expected .*, found"),
+        ("seeds: []\ngrids: [{}]", "seeds: .* at least 1 item"),
+        ("seeds: [1, 1]\ngrids: [{}]", r"expected each seed once, found \[1, 1\]"),
+        ("grids: [{grid: {task: []}}]", r"grids\.0\.grid\.task: .* at least 1 item"),
+        ("grids: [{grid: {task: task1}}]", r"grids\.0\.grid\.task: expected list, found 'task1'"),
+        ("grids: [{grid: {seed: [1]}}]", "seed: expected another key, seeds stand in `seeds`"),
+        ("set: {train.threads: 2}\ngrids: [{}]", "train.threads: expected another key"),
+        (
+            "grids: [{grid: {method.relabel_probabilty: [1]}}]",
+            r"grids\.0: unknown key .* did you mean `method\.",
+        ),
+        ("grids: [{}, {set: {train.gamma: 2}}]", r"grids\.1: train\.gamma: expected .*, found 2"),
+        ("base: [none.yaml]\ngrids: [{}]", r"none\.yaml: cannot read the configuration"),
+        ("[]", "expected a mapping"),
+        ("grids: [", "expected YAML"),
+    ],
+)
+def test_a_wrong_sweep_file_is_explained(text: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=message) as caught:
+        plan(tmp_path, text)
+    assert re.match(rf"{re.escape(str(tmp_path))}/(sweep|none)\.yaml: ", str(caught.value))
+
+
+@pytest.mark.skipif(not HAS_BASELINES, reason="the baselines are not there yet")
+@pytest.mark.parametrize(("name", "count"), [("paper", 63), ("quick", 10)])
+def test_the_sweeps_that_we_ship_plan_their_runs(name: str, count: int) -> None:
+    path = SWEEPS / f"{name}.yaml"
+    runs = plan_runs(path, read_sweep(path), 1)
+    assert len(runs) == count
+    assert {run.config.method.name for run in runs} == METHODS
+
+
+@pytest.mark.parametrize("name", ["paper", "quick"])
+def test_the_sweeps_that_we_ship_have_the_methods_of_the_paper(name: str) -> None:
+    assert set(read_sweep(SWEEPS / f"{name}.yaml").grids[0].grid["method.name"]) == METHODS
