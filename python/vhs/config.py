@@ -88,6 +88,9 @@ class MethodSection(_Section):
     """Chance that an episode of `relabel_on` is relabelled (paper: eta = 0.8)."""
     relabel_on: tuple[OutcomeName, ...] = ("failure",)
     """Outcomes that are relabelled (paper: failure; its ablation adds timeout)."""
+    hindsight_discount: Probability = 1.0
+    """Weight of an imitated action for each step between it and the end of its episode (paper: 1); below 1 the
+    approach to the goal counts more than the wandering before it."""
     vhs_weight: NonNegativeFloat = 1.0
     """Weight of the self-imitation loss (paper: beta, no number given)."""
     hindsight_goal: Literal["feature", "prototype"] = "feature"

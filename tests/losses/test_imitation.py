@@ -74,3 +74,14 @@ def test_mismatched_shapes_are_refused_by_name() -> None:
     logits, actions, values, targets, valid, steps = random_case()
     with pytest.raises(ShapeError, match=r"`value_targets`: expected shape \[B=2, T=3\], found \[2, 2\]"):
         hindsight_imitation_loss(logits.log_softmax(-1), actions, values, targets[:, :2], valid, steps)
+
+
+def test_discounted_imitation_weighs_actions_by_their_distance_to_the_end() -> None:
+    log_probs = torch.log(torch.tensor([[[0.5, 0.5], [0.5, 0.5], [0.5, 0.5]], [[0.5, 0.5]] * 3]))
+    valid = torch.tensor([[1.0, 1.0, 1.0], [1.0, 0.0, 0.0]])
+    zeros = torch.zeros(2, 3)
+    terms = hindsight_imitation_loss(
+        log_probs, zeros.long(), zeros, zeros, valid, torch.tensor(4), discount=0.5
+    )
+    # Episodes of three steps and of one: weights 1/4, 1/2, 1 and 1, over 4 steps.
+    torch.testing.assert_close(terms.policy, torch.log(torch.tensor(2.0)) * 2.75 / 4)

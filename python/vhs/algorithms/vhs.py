@@ -212,7 +212,13 @@ class VHS:
         if len(chosen):
             targets = self._tensor(self._hindsight_values(batch))[chosen]
             imitation = hindsight_imitation_loss(
-                log_probs[episodes:], actions[chosen], values[episodes:], targets, valid[chosen], valid.sum()
+                log_probs[episodes:],
+                actions[chosen],
+                values[episodes:],
+                targets,
+                valid[chosen],
+                valid.sum(),
+                self._method.hindsight_discount,
             )
         return {
             "policy": rl.policy,

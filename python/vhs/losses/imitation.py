@@ -17,7 +17,13 @@ class ImitationTerms(NamedTuple):
 
 
 def hindsight_imitation_loss(
-    log_probs: Tensor, actions: Tensor, values: Tensor, value_targets: Tensor, valid: Tensor, steps: Tensor
+    log_probs: Tensor,
+    actions: Tensor,
+    values: Tensor,
+    value_targets: Tensor,
+    valid: Tensor,
+    steps: Tensor,
+    discount: float = 1.0,
 ) -> ImitationTerms:
     """Imitate the actions and values of episodes under the goal that they reached.
 
@@ -30,9 +36,10 @@ def hindsight_imitation_loss(
         steps: number of steps to divide by, shape []. The steps of *all* episodes of the update make a
             relabelled step weigh as much as a step of the RL loss, which is what the paper's update on one
             episode does.
+        discount: weight of an action for each step between it and the end of its episode; 1 is Eq. 5.
 
     Returns:
-        -log pi(a_i) and (V_i - v_i)^2, summed over the valid steps and divided by `steps`.
+        -log pi(a_i), discounted, and (V_i - v_i)^2, summed over the valid steps and divided by `steps`.
 
     Raises:
         ShapeError: the tensors do not fit together.
@@ -49,7 +56,8 @@ def hindsight_imitation_loss(
     taken = log_probs.gather(-1, actions.unsqueeze(-1)).squeeze(-1)
     error = values - value_targets.detach()
     count = steps.clamp(min=1)
+    remaining = (valid.sum(dim=1, keepdim=True) - valid.cumsum(dim=1)).clamp(min=0)
     return ImitationTerms(
-        policy=-(taken * valid).sum() / count,
+        policy=-(taken * valid * discount**remaining).sum() / count,
         value=(error.square() * valid).sum() / count,
     )
