@@ -89,8 +89,8 @@ class MethodSection(_Section):
     relabel_on: tuple[OutcomeName, ...] = ("failure",)
     """Outcomes that are relabelled (paper: failure; its ablation adds timeout)."""
     hindsight_discount: Probability = 1.0
-    """Weight of an imitated action for each step between it and the end of its episode (paper: 1); below 1 the
-    approach to the goal counts more than the wandering before it."""
+    """Weight of an imitated action for each step between it and the end of its episode (paper: 1); below 1
+    the approach to the goal counts more than the wandering before it."""
     vhs_weight: NonNegativeFloat = 1.0
     """Weight of the self-imitation loss (paper: beta, no number given)."""
     hindsight_goal: Literal["feature", "prototype"] = "feature"
