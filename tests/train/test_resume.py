@@ -124,14 +124,14 @@ def test_a_run_stopped_by_ctrl_c_equals_the_uninterrupted_one(
 
     def interrupted(self: _Session, log: RunLog) -> None:
         advance(self, log)
-        if self.progress.episodes > 40 and self._waiting and self._rollout._running:
+        if self.progress.episodes > 44 and self._waiting and self._rollout._running:
             signal.raise_signal(signal.SIGINT)
 
     with monkeypatch.context() as patch:
         patch.setattr(_Session, "advance", interrupted)
         assert not train(config, run, StringIO())
     stopped = newest_episode(run)
-    assert 40 < stopped < EPISODES
+    assert 44 < stopped < EPISODES
     assert read_log(run)[-1]["episodes"] == stopped, "a stopped run logs its last episodes"
     assert train(config, run, StringIO())
     assert stopped not in [row["episodes"] for row in read_log(run)], "and makes their row again, whole"
