@@ -42,8 +42,8 @@ def test_a_name_alone_is_a_whole_configuration(name: str) -> None:
         ),
         (
             ["method.name=gcsl", "method.relabel_probability=0"],
-            "method.relabel_probability: expected above 0 for method.name = gcsl, which learns from relabelled "
-            "episodes alone, found 0.0",
+            "method.relabel_probability: expected above 0 for method.name = gcsl, which learns from "
+            "relabelled episodes alone, found 0.0",
         ),
     ],
 )

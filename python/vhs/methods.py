@@ -41,7 +41,7 @@ def check_parts(name: str, embedding: str, relabel_probability: float) -> None:
     """Check that what the configuration says of a method's parts makes sense.
 
     Raises:
-        ValueError: goals named by what the method cannot use, words with relabelling, or nothing to learn from.
+        ValueError: goals named by what the method cannot use, words with relabelling, nothing to learn from.
     """
     parts = METHODS[name]
     if embedding != parts.embedding and not parts.any_embedding:

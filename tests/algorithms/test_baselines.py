@@ -119,9 +119,7 @@ def test_gcsl_imitates_failures_under_what_they_reached() -> None:
 
 def test_the_discriminator_of_gdan_classifies_stored_images_in_the_same_pass_as_the_episodes() -> None:
     learner = toy_learner("gdan")
-    fill_store(learner, per_class=1)
-    fill_store(learner, per_class=1)
-    fill_store(learner, per_class=2)  # the same random images begin each class, so they differ by class only
+    fill_store(learner)
     batch = make_batch(OUTCOMES)
     images, labels = copy_of_next_sample(learner)
     agent = copy.deepcopy(learner.agent).train()
@@ -136,8 +134,7 @@ def test_the_discriminator_of_gdan_classifies_stored_images_in_the_same_pass_as_
 def copy_of_next_sample(learner: VHS) -> tuple[Any, Any]:
     """The goal images of the next update: stores that are filled alike draw alike."""
     twin = toy_learner("gdan")
-    for count in (1, 1, 2):
-        fill_store(twin, per_class=count)
+    fill_store(twin)
     return twin.goal_store.sample(12, balanced=True)
 
 

@@ -23,8 +23,8 @@ STREAMS = 16
 class ToyRoom(gymnasium.Env[Any, Any]):
     """An object of one of three colours beside the view's centre, and two ways to handle it.
 
-    Turn (actions 1, 2) until it is in the centre, then do the interaction that was asked for (3, 4): the other
-    one is a failure, six steps are a timeout.
+    Turn (actions 1, 2) until it is in the centre, then do the interaction that was asked for (3, 4): the
+    other one is a failure, six steps are a timeout.
     """
 
     observation_space = gymnasium.spaces.Dict(

@@ -1,4 +1,4 @@
-"""GDAN's agent: the heads read an attention that the discriminator asks, and do not train the discriminator."""
+"""GDAN's agent: the heads read an attention that the discriminator asks, and do not train it."""
 
 import pytest
 import torch
