@@ -18,7 +18,7 @@ def write(path: Path, text: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.name)
+@pytest.mark.parametrize("path", sorted(CONFIGS.rglob("*.yaml")), ids=lambda path: path.name)
 def test_every_shipped_file_is_valid(path: Path) -> None:
     load_config([path])
 
@@ -71,6 +71,11 @@ def test_the_paper_overlay_holds_the_papers_table() -> None:
         ("task=task4", r"task: expected 'task1', 'task2' or 'task3', found 'task4'"),
         ("model.channels=[1,2,3]", r"model.channels: .*at least 4"),
         ("method.warmup=100000", r"method.warmup: expected at most method.goal_capacity = 500, found 100000"),
+        ("method.name=dqn", r"method.name: expected 'a3c', 'gdan', 'gcsl', 'pg' or 'vhs', found 'dqn'"),
+        (
+            "method.embedding=word",
+            r"method.relabel_probability: expected 0 with method.embedding = word, .* found 0.8",
+        ),
         ("train=3", r"train: .*found 3"),
         ("train.gamma", r"--set: expected key=value, found 'train.gamma'"),
         ("train.gamma=[", r"--set train.gamma: expected a YAML value"),

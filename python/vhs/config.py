@@ -17,12 +17,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pydantic_core import ErrorDetails
 
 from vhs.errors import ConfigError
+from vhs.methods import METHODS, Embedding, MethodName, Parts, check_parts
 
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 PositiveInt = Annotated[int, Field(ge=1)]
 NonNegativeFloat = Annotated[float, Field(ge=0.0)]
 PositiveFloat = Annotated[float, Field(gt=0.0)]
-OutcomeName = Literal["failure", "timeout"]
+OutcomeName = Literal["success", "failure", "timeout"]
 
 
 class _Section(BaseModel):
@@ -64,9 +65,13 @@ class ModelSection(_Section):
 
 
 class MethodSection(_Section):
-    """What makes VHS out of an actor-critic: goals, prototypes, relabelling."""
+    """The method, and what makes VHS out of an actor-critic: goals, prototypes, relabelling."""
 
-    name: Literal["vhs"] = "vhs"
+    name: MethodName = "vhs"
+    """What `vhs.methods` makes of the parts below; a key of a part that a method lacks does nothing."""
+    embedding: Embedding = "prototype"
+    """What names a goal to the policy: `prototype` (paper: PG), or `word`, a learned vector a goal class; the
+    method's own unless given."""
     supcon_weight: NonNegativeFloat = 0.5
     """Weight of the SupCon loss (paper: 0.5)."""
     supcon_batch: Annotated[int, Field(ge=2)] = 64
@@ -87,7 +92,7 @@ class MethodSection(_Section):
     relabel_probability: Probability = 0.8
     """Chance that an episode of `relabel_on` is relabelled (paper: eta = 0.8)."""
     relabel_on: tuple[OutcomeName, ...] = ("failure",)
-    """Outcomes that are relabelled (paper: failure; its ablation adds timeout)."""
+    """Outcomes that are relabelled (paper: failure; its ablation adds timeout; Ghosh et al. take all)."""
     hindsight_discount: Probability = 1.0
     """Weight of an imitated action for each step between it and the end of its episode (paper: 1); below 1
     the approach to the goal counts more than the wandering before it."""
@@ -99,6 +104,26 @@ class MethodSection(_Section):
     value_target: Literal["behaviour", "hindsight_return"] = "behaviour"
     """Target of the hindsight value: the critic's value when acting (paper), or the return as if it had
     succeeded."""
+    discriminator_weight: NonNegativeFloat = 0.5
+    """Weight of GDAN's goal-discriminator loss (Kim et al. 2021, their code: 0.5)."""
+
+    @property
+    def parts(self) -> Parts:
+        """What the method is made of."""
+        return METHODS[self.name]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _own_embedding(cls, given: Any) -> Any:
+        if isinstance(given, dict) and given.get("embedding") is None:
+            parts = METHODS.get(str(given.get("name", "vhs")), METHODS["vhs"])
+            return given | {"embedding": parts.embedding}
+        return given
+
+    @model_validator(mode="after")
+    def _parts_fit_together(self) -> MethodSection:
+        check_parts(self.name, self.embedding, self.relabel_probability)
+        return self
 
 
 class TrainSection(_Section):

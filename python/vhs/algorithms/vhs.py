@@ -1,4 +1,4 @@
-"""Visual hindsight self-imitation on an actor-critic: paper Algorithm 1 and Eq. 6.
+"""Visual hindsight self-imitation on an actor-critic: paper Algorithm 1 and Eq. 6; less of it is A3C or PG.
 
 Each learner of an update embeds every image it needs - episodes and goal images - in one pass of the
 extractor, so that the batch norm normalises f(o_T) and the features behind the prototypes alike, and runs the
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
@@ -20,6 +20,7 @@ from torch.nn.functional import normalize
 
 from vhs import EpisodeBatch, GoalStore, Hindsight, Prototypes, Rng, discounted_returns, relabel
 from vhs.algorithms.replicas import Replicas
+from vhs.algorithms.shares import GoalImages, Learned, Share, to_arrays, to_numpy, to_tensors
 from vhs.config import MethodSection, TrainSection
 from vhs.errors import DivergenceError
 from vhs.losses import (
@@ -32,34 +33,12 @@ from vhs.losses import (
 from vhs.models import GoalAgent, to_device
 
 
-class _Goals(NamedTuple):
-    """A class-balanced batch of goal images and their classes."""
-
-    observations: Tensor
-    labels: Tensor
-
-
-class _Share(NamedTuple):
-    """What one learner of an update learns from."""
-
-    batch: EpisodeBatch
-    goals: Tensor
-    """The goal embedding each episode was acted under, shape [B, feature_dim]."""
-    hindsight: Hindsight
-    stored: _Goals | None
-
-
-class _Learned(NamedTuple):
-    """What one learner found: unweighted terms, features of its goal images, float32 [n, feature_dim]."""
-
-    terms: dict[str, Tensor]
-    goal_features: Tensor
-
-
 class VHS:
     """The agent with its goal store, prototypes and optimiser.
 
-    The goal store is read here and filled by the training loop; goal embeddings are constants in every loss.
+    The goal store is read here and filled by the training loop. Goals made of images are constants in every
+    loss, goal words are learned. Which terms there are, `vhs.methods` says: without relabelling this is PG,
+    without the goal store too it is A3C (Mnih et al. 2016).
     """
 
     def __init__(
@@ -90,7 +69,8 @@ class VHS:
         self.goal_store = goal_store
         self.prototypes = prototypes
         extractor = list(agent.extractor.parameters())
-        rest = list(agent.parameters())[len(extractor) :]
+        shared = {id(parameter) for parameter in extractor}
+        rest = [parameter for parameter in agent.parameters() if id(parameter) not in shared]
         # The rates are set before every step; `rate` is the share of `learning_rate` that a group has.
         groups = [{"params": extractor, "rate": 1.0}, {"params": rest, "rate": train.head_rate}]
         self.optimiser = torch.optim.Adam(groups, lr=train.learning_rate, amsgrad=True, fused=True)
@@ -104,11 +84,15 @@ class VHS:
         self._device = agent.gate.weight.device
 
     def embed_goal(self, label: int) -> Tensor:
-        """The goal embedding p^x of a class for one episode (paper Eq. 4): N(0, 1) while there is none.
+        """The goal embedding of a class for one episode: its word, or p^x (paper Eq. 4).
+
+        While there is no prototype, it is N(0, 1).
 
         Returns:
-            float32, shape [feature_dim].
+            float32, a constant, shape [feature_dim].
         """
+        if self.agent.words is not None:
+            return self.agent.words.weight[label].detach().clone()
         if self._method.prototype == "exact" and self.is_warm:
             self._refresh_exactly(label)
         embedding = self.prototypes.embed(np.array([label], dtype=np.int64))[0]
@@ -122,18 +106,20 @@ class VHS:
     def update(self, shares: Sequence[tuple[EpisodeBatch, Tensor]]) -> dict[str, float]:
         """Learn from finished episodes: L = L_RL + supcon_weight L_s + vhs_weight L_VHS (paper Eq. 6).
 
+        A baseline has some of these terms.
+
         Args:
             shares: one for each of `train.learners`: episodes, and the goal embedding each was acted under,
-                of shape [B, feature_dim].
+                of shape [B, feature_dim]; goal words are looked up anew, so that they learn.
 
         Returns:
             The mean over the learners of each term, unweighted, the gradient's norm before clipping and the
-            share of relabelled episodes.
+            share of relabelled episodes where a method relabels.
 
         Raises:
             DivergenceError: a loss is not finite; the weights are as before.
         """
-        work = [_Share(batch, goals, self._relabel(batch), self._sample_goals()) for batch, goals in shares]
+        work = [Share(batch, goals, self._relabel(batch), self._sample_goals()) for batch, goals in shares]
         learned = self._replicas.map(self._learn, work)
         names = learned[0].terms
         metrics = {name: sum(one.terms[name].item() for one in learned) / len(learned) for name in names}
@@ -142,28 +128,32 @@ class VHS:
         metrics["grad_norm"] = self._step()
         for share, found in zip(work, learned, strict=True):
             if share.stored is not None and self._method.prototype == "running":
-                self.prototypes.update(_numpy(found.goal_features), _numpy(share.stored.labels))
+                self.prototypes.update(to_numpy(found.goal_features), to_numpy(share.stored.labels))
         self.updates += 1
+        if not self._method.parts.hindsight:
+            return metrics
         relabelled = np.concatenate([share.hindsight.selected for share in work])
         return metrics | {"relabelled": float(relabelled.mean())}
 
     def _relabel(self, batch: EpisodeBatch) -> Hindsight:
         method = self._method
-        return relabel(batch, on=method.relabel_on, probability=method.relabel_probability, rng=self.rng)
+        probability = method.relabel_probability if method.parts.hindsight else 0.0
+        return relabel(batch, on=method.relabel_on, probability=probability, rng=self.rng)
 
-    def _learn(self, agent: GoalAgent, share: _Share) -> _Learned:
+    def _learn(self, agent: GoalAgent, share: Share) -> Learned:
         """Losses of one share and, in `agent`, their gradients."""
         agent.train()
         agent.zero_grad(set_to_none=True)
         episode_features, goal_features = self._embed(agent, share)
         terms = self._episode_losses(agent, share, episode_features)
         if share.stored is not None:
-            temperature = self._method.supcon_temperature
-            terms["supcon"] = supcon_loss(goal_features, share.stored.labels, temperature)
-        self._weigh(terms).backward()  # type: ignore[no-untyped-call]
-        return _Learned({name: term.detach() for name, term in terms.items()}, goal_features.detach())
+            terms |= self._goal_terms(agent, goal_features, share.stored.labels)
+        loss = self._weigh(terms)
+        if loss.requires_grad:  # GCSL may have nothing to imitate
+            loss.backward()  # type: ignore[no-untyped-call]
+        return Learned({name: term.detach() for name, term in terms.items()}, goal_features.detach())
 
-    def _embed(self, agent: GoalAgent, share: _Share) -> tuple[Tensor, Tensor]:
+    def _embed(self, agent: GoalAgent, share: Share) -> tuple[Tensor, Tensor]:
         """Features of the episodes' observations and of the goal images, by one pass that learns from both.
 
         Observations that do not train the extractor are embedded before it, as when acting.
@@ -189,7 +179,7 @@ class VHS:
         agent.train()
         return features
 
-    def _episode_losses(self, agent: GoalAgent, share: _Share, features: Tensor) -> dict[str, Tensor]:
+    def _episode_losses(self, agent: GoalAgent, share: Share, features: Tensor) -> dict[str, Tensor]:
         """The terms of L_RL on every episode and of L_VHS on the relabelled ones, by one run of the LSTM."""
         batch, hindsight = share.batch, share.hindsight
         episodes, steps = batch.actions.shape
@@ -199,7 +189,7 @@ class VHS:
         reached = self._hindsight_goals(features[self._tensor(hindsight.goal_rows)[chosen]].detach())
         log_probs, values, _ = agent(
             torch.cat([sequences, sequences[chosen]]),
-            torch.cat([share.goals, reached]),
+            torch.cat([self._instructed_goals(agent, share), reached]),
             torch.cat([self._tensor(batch.interactions), self._tensor(hindsight.interactions)[chosen]]),
         )
         actions, valid = self._tensor(batch.actions), self._tensor(batch.mask).float()
@@ -208,6 +198,9 @@ class VHS:
             rewards, values[:episodes], valid, self._train.gamma, self._train.return_lambda
         )
         rl = actor_critic_loss(log_probs[:episodes], actions, values[:episodes], returns, valid)
+        terms = {"policy": rl.policy, "value": rl.value, "entropy": rl.entropy}
+        if not self._method.parts.hindsight:
+            return terms
         imitation = ImitationTerms(values.new_zeros(()), values.new_zeros(()))
         if len(chosen):
             targets = self._tensor(self._hindsight_values(batch))[chosen]
@@ -220,13 +213,18 @@ class VHS:
                 valid.sum(),
                 self._method.hindsight_discount,
             )
-        return {
-            "policy": rl.policy,
-            "value": rl.value,
-            "entropy": rl.entropy,
-            "imitation_policy": imitation.policy,
-            "imitation_value": imitation.value,
-        }
+        return terms | {"imitation_policy": imitation.policy, "imitation_value": imitation.value}
+
+    def _goal_terms(self, agent: GoalAgent, features: Tensor, labels: Tensor) -> dict[str, Tensor]:
+        """The terms on the store's images, from their features and classes."""
+        return {"supcon": supcon_loss(features, labels, self._method.supcon_temperature)}
+
+    def _instructed_goals(self, agent: GoalAgent, share: Share) -> Tensor:
+        """The goal embedding of each episode as it was instructed, shape [B, feature_dim]."""
+        if agent.words is None:
+            return share.goals
+        found: Tensor = agent.words(self._tensor(share.batch.goals))
+        return found
 
     def _hindsight_goals(self, reached: Tensor) -> Tensor:
         """The goals of relabelled episodes, from their f(o_T), both of shape [R, feature_dim]."""
@@ -246,12 +244,17 @@ class VHS:
 
     def _weigh(self, terms: dict[str, Tensor]) -> Tensor:
         """The weighted sum of the terms."""
-        loss = terms["policy"] + self._train.value_weight * terms["value"]
-        loss = loss - self._scheduled("entropy_weight") * terms["entropy"]
-        loss = loss + self._method.vhs_weight * (terms["imitation_policy"] + terms["imitation_value"])
-        if "supcon" in terms:
-            loss = loss + self._method.supcon_weight * terms["supcon"]
-        return loss
+        method, train = self._method, self._train
+        weights = {
+            "policy": 1.0,
+            "value": train.value_weight,
+            "entropy": -self._scheduled("entropy_weight"),
+            "imitation_policy": method.vhs_weight,
+            "imitation_value": method.vhs_weight,
+            "supcon": method.supcon_weight,
+            "discriminator": method.discriminator_weight,
+        }
+        return torch.stack([weights[name] * term for name, term in terms.items()]).sum()
 
     def _check_finite(self, terms: Mapping[str, float]) -> None:
         if not all(math.isfinite(term) for term in terms.values()):
@@ -277,11 +280,11 @@ class VHS:
         done = min(self.updates * train.episodes_per_update / train.schedule_episodes, 1.0)
         return float(start + (end - start) * done)
 
-    def _sample_goals(self) -> _Goals | None:
-        if not self.is_warm:
+    def _sample_goals(self) -> GoalImages | None:
+        if not (self._method.parts.goal_loss and self.is_warm):
             return None
         observations, labels = self.goal_store.sample(self._method.supcon_batch, balanced=True)
-        return _Goals(self._tensor(observations), self._tensor(labels))
+        return GoalImages(self._tensor(observations), self._tensor(labels))
 
     def _refresh_exactly(self, label: int) -> None:
         """Set p^x to the mean feature of stored images, with running statistics as when acting."""
@@ -291,7 +294,7 @@ class VHS:
         self.agent.eval()
         with torch.inference_mode():
             features = self.agent.extractor(self._tensor(images), self.dtype)
-        self.prototypes.update(_numpy(features), np.full(len(images), label, dtype=np.int64))
+        self.prototypes.update(to_numpy(features), np.full(len(images), label, dtype=np.int64))
 
     def _tensor(self, array: NDArray[Any]) -> Tensor:
         return to_device(array, self._device)
@@ -301,7 +304,7 @@ class VHS:
         return {
             "agent": self.agent.state_dict(),
             "optimiser": self.optimiser.state_dict(),
-            "prototypes": _to_tensors(self.prototypes.state_dict()),
+            "prototypes": to_tensors(self.prototypes.state_dict()),
             "rng": torch.from_numpy(self.rng.state),
             "updates": self.updates,
         }
@@ -311,20 +314,6 @@ class VHS:
         self.agent.load_state_dict(state["agent"])
         self._replicas.spread_statistics()
         self.optimiser.load_state_dict(state["optimiser"])
-        self.prototypes.load_state_dict(_to_arrays(state["prototypes"]))
+        self.prototypes.load_state_dict(to_arrays(state["prototypes"]))
         self.rng = Rng.from_state(state["rng"].numpy())
         self.updates = int(state["updates"])
-
-
-def _to_tensors(arrays: Mapping[str, Any]) -> dict[str, Tensor]:
-    """State of the Rust core as tensors, which `torch.load` reads without unpickling code."""
-    return {name: torch.from_numpy(array) for name, array in arrays.items()}
-
-
-def _to_arrays(tensors: Mapping[str, Tensor]) -> dict[str, NDArray[Any]]:
-    return {name: tensor.numpy() for name, tensor in tensors.items()}
-
-
-def _numpy(tensor: Tensor) -> NDArray[Any]:
-    array: NDArray[Any] = tensor.detach().cpu().numpy()
-    return array

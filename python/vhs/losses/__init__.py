@@ -2,6 +2,7 @@
 
 from vhs.losses.actor_critic import ActorCriticTerms, actor_critic_loss
 from vhs.losses.contrastive import supcon_loss
+from vhs.losses.discrimination import goal_discrimination_loss
 from vhs.losses.imitation import ImitationTerms, hindsight_imitation_loss
 from vhs.losses.returns import lambda_returns
 
@@ -9,6 +10,7 @@ __all__ = [
     "ActorCriticTerms",
     "ImitationTerms",
     "actor_critic_loss",
+    "goal_discrimination_loss",
     "hindsight_imitation_loss",
     "lambda_returns",
     "supcon_loss",

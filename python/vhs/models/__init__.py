@@ -2,6 +2,14 @@
 
 from vhs.models.agent import GoalAgent, RecurrentState
 from vhs.models.device import pick_device, to_device
+from vhs.models.discriminative import DiscriminativeAgent
 from vhs.models.extractor import FeatureExtractor
 
-__all__ = ["FeatureExtractor", "GoalAgent", "RecurrentState", "pick_device", "to_device"]
+__all__ = [
+    "DiscriminativeAgent",
+    "FeatureExtractor",
+    "GoalAgent",
+    "RecurrentState",
+    "pick_device",
+    "to_device",
+]

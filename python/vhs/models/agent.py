@@ -1,8 +1,8 @@
 """The agent: features gated by a goal embedding, an LSTM, a policy head and a value head.
 
 Gated attention after Chaplot et al. 2018; the interaction embedding enters before and after the LSTM (paper,
-appendix "Implementation Details"). A goal is a vector, whoever made it: a prototype when acting, f(o_T) in
-hindsight.
+appendix "Implementation Details"). A goal is a vector, whoever made it: a prototype or a learned word when
+acting, f(o_T) in hindsight.
 """
 
 from __future__ import annotations
@@ -34,8 +34,9 @@ class GoalAgent(nn.Module):
         hidden_dim: int,
         head_dim: int,
         interaction_dim: int,
+        num_words: int = 0,
     ) -> None:
-        """Build the layers behind `extractor`."""
+        """Build the layers behind `extractor`, and learned names for `num_words` goal classes."""
         super().__init__()
         feature_dim = extractor.project.out_features
         self.hidden_dim = hidden_dim
@@ -45,6 +46,8 @@ class GoalAgent(nn.Module):
         self.lstm = nn.LSTM(2 * feature_dim + interaction_dim, hidden_dim, batch_first=True)
         self.policy = _head(hidden_dim + interaction_dim, head_dim, num_actions)
         self.value = _head(hidden_dim + interaction_dim, head_dim, 1)
+        # N(0, 1), the scale of features and of the vectors of empty classes.
+        self.words = nn.Embedding(num_words, feature_dim) if num_words else None
 
     def initial_state(self, batch: int) -> RecurrentState:
         """The state at the start of an episode: zeros, shape [batch, hidden_dim]."""
@@ -68,12 +71,17 @@ class GoalAgent(nn.Module):
         steps = features.shape[1]
         gate = torch.sigmoid(self.gate(goals)).unsqueeze(1)
         kind = self.interaction(interactions).unsqueeze(1).expand(-1, steps, -1)
-        inputs = torch.cat([features * gate, gate.expand(-1, steps, -1), kind], dim=-1)
+        gated = features * gate
+        inputs = torch.cat([gated, gate.expand(-1, steps, -1), kind], dim=-1)
         hidden, last = self._remember(inputs, state)
-        joined = torch.cat([hidden, kind], dim=-1)
+        joined = torch.cat([self._attend(features, gated, hidden), kind], dim=-1)
         log_probs = self.policy(joined).log_softmax(-1)
         values = self.value(joined).squeeze(-1)
         return log_probs, values, last
+
+    def _attend(self, features: Tensor, gated: Tensor, hidden: Tensor) -> Tensor:
+        """What the heads read of a step, shape [B, T, hidden_dim]: here the LSTM's hidden state."""
+        return hidden
 
     def _remember(self, inputs: Tensor, state: RecurrentState | None) -> tuple[Tensor, RecurrentState]:
         """The LSTM: its hidden states, shape [B, T, hidden_dim], and the state after the last step."""

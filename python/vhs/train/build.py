@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import fields
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -11,12 +13,12 @@ import numpy as np
 import torch
 
 from vhs import EpisodeBuffer, GoalStore, Prototypes, Rng
-from vhs.algorithms import VHS
+from vhs.algorithms import ALGORITHMS, VHS
 from vhs.config import Config, unknown_key
 from vhs.envs import TASKS, RoomConfig, Task
 from vhs.envs.rendering import check_renderer
 from vhs.errors import ConfigError
-from vhs.models import FeatureExtractor, GoalAgent, pick_device
+from vhs.models import DiscriminativeAgent, FeatureExtractor, GoalAgent, pick_device
 from vhs.train.rooms import LocalRooms, PooledRooms, Rooms
 
 
@@ -67,17 +69,21 @@ def make_rooms(config: Config, count: int) -> Rooms:
 def make_agent(config: Config, env: gymnasium.Env[Any, Any]) -> GoalAgent:
     """Networks that fit the spaces of `env`, initialised from the run's seed alone."""
     image, interactions, actions = _spaces(env)
-    model = config.model
+    model, classes = config.model, num_goals(env)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
         extractor = FeatureExtractor(image, model.frame_stack, model.channels, model.feature_dim)
-        agent = GoalAgent(
+        kind: Callable[..., GoalAgent] = GoalAgent
+        if config.method.name == "gdan":
+            kind = partial(DiscriminativeAgent, num_goals=classes)
+        agent = kind(
             extractor,
             num_actions=actions,
             num_interactions=interactions,
             hidden_dim=model.hidden_dim,
             head_dim=model.head_dim,
             interaction_dim=model.interaction_dim,
+            num_words=classes if config.method.embedding == "word" else 0,
         )
     return agent.to(pick_device(config.train.device))
 
@@ -103,7 +109,7 @@ def make_learner(config: Config, env: gymnasium.Env[Any, Any]) -> VHS:
     """The learner at its beginning, before any episode."""
     image, _, _ = _spaces(env)
     room, method, classes = room_config(config), config.method, num_goals(env)
-    return VHS(
+    return ALGORITHMS[method.name](
         make_agent(config, env),
         GoalStore(classes, (config.model.frame_stack, *image), method.goal_capacity, seed=config.seed),
         Prototypes(classes, config.model.feature_dim, momentum=prototype_momentum(config), seed=config.seed),

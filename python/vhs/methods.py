@@ -1,0 +1,60 @@
+"""The methods that are compared, as the parts that each is made of (paper, section "Baselines").
+
+One update serves them all: a method is a row of this table, and where a part is another formula or another
+network, a small class in `vhs.algorithms` or `vhs.models`.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+MethodName = Literal["a3c", "gdan", "gcsl", "pg", "vhs"]
+Embedding = Literal["prototype", "word"]
+
+
+class Parts(NamedTuple):
+    """What a method learns from."""
+
+    embedding: Embedding
+    """What names a goal to the policy unless the configuration says otherwise: a prototype of goal images, or
+    a learned vector."""
+    any_embedding: bool
+    """Whether the other embedding makes sense too."""
+    rl: bool
+    """Whether rewards are learned from."""
+    hindsight: bool
+    """Whether relabelled episodes are imitated; their goals are features, so prototypes must name goals."""
+    goal_loss: bool
+    """Whether a loss on the goal store's images is added: SupCon, or the discriminator's cross-entropy."""
+
+
+METHODS: dict[str, Parts] = {
+    "a3c": Parts("word", any_embedding=False, rl=True, hindsight=False, goal_loss=False),
+    "gdan": Parts("word", any_embedding=False, rl=True, hindsight=False, goal_loss=True),
+    "gcsl": Parts("prototype", any_embedding=False, rl=False, hindsight=True, goal_loss=True),
+    "pg": Parts("prototype", any_embedding=True, rl=True, hindsight=False, goal_loss=True),
+    "vhs": Parts("prototype", any_embedding=True, rl=True, hindsight=True, goal_loss=True),
+}
+
+
+def check_parts(name: str, embedding: str, relabel_probability: float) -> None:
+    """Check that what the configuration says of a method's parts makes sense.
+
+    Raises:
+        ValueError: goals named by what the method cannot use, words with relabelling, nothing to learn from.
+    """
+    parts = METHODS[name]
+    if embedding != parts.embedding and not parts.any_embedding:
+        raise ValueError(
+            f"method.embedding: expected {parts.embedding} for method.name = {name}, found {embedding}"
+        )
+    if parts.hindsight and embedding == "word" and relabel_probability > 0:
+        raise ValueError(
+            "method.relabel_probability: expected 0 with method.embedding = word, which has no word for what "
+            f"was reached by mistake, found {relabel_probability}"
+        )
+    if not parts.rl and relabel_probability == 0:
+        raise ValueError(
+            f"method.relabel_probability: expected above 0 for method.name = {name}, which learns from "
+            f"relabelled episodes alone, found {relabel_probability}"
+        )
