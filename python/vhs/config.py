@@ -33,7 +33,7 @@ class _Section(BaseModel):
 class EnvSection(_Section):
     """The rooms that the run collects from."""
 
-    num_envs: PositiveInt = 8
+    num_envs: PositiveInt = 16
     """Rooms stepped side by side (paper: 5 processes of one room)."""
     num_workers: Annotated[int, Field(ge=0)] | None = None
     """Processes that step the rooms while this one learns; 0 steps them in this process; null is 1 on Linux,
@@ -74,12 +74,13 @@ class MethodSection(_Section):
     method's own unless given."""
     supcon_weight: NonNegativeFloat = 0.5
     """Weight of the SupCon loss (paper: 0.5)."""
-    supcon_batch: Annotated[int, Field(ge=2)] = 64
-    """Goal images in a SupCon batch of a learner (paper: 64)."""
+    supcon_batch: Annotated[int, Field(ge=2)] = 32
+    """Goal images in a SupCon batch of a learner (paper: 64; half of it reaches the loss's floor as soon)."""
     supcon_temperature: PositiveFloat = 0.07
     """Temperature tau_s (paper: 0.07)."""
-    warmup: PositiveInt = 150
-    """Goal images in the store before SupCon and the prototypes start (paper: 150)."""
+    warmup: PositiveInt = 100
+    """Goal images in the store before SupCon and the prototypes start (paper: 150; until then no goal can
+    be told from another)."""
     goal_capacity: PositiveInt = 500
     """Goal images kept a class, the oldest leave first (the paper gives no bound)."""
     prototype: Literal["running", "exact"] = "running"
@@ -93,12 +94,12 @@ class MethodSection(_Section):
     """Chance that an episode of `relabel_on` is relabelled (paper: eta = 0.8)."""
     relabel_on: tuple[OutcomeName, ...] = ("failure",)
     """Outcomes that are relabelled (paper: failure; its ablation adds timeout; Ghosh et al. take all)."""
-    hindsight_discount: Probability = 1.0
+    hindsight_discount: Probability = 0.7
     """Weight of an imitated action for each step between it and the end of its episode (paper: 1); below 1
     the approach to the goal counts more than the wandering before it."""
     vhs_weight: NonNegativeFloat = 1.0
     """Weight of the self-imitation loss (paper: beta, no number given)."""
-    hindsight_goal: Literal["feature", "prototype"] = "feature"
+    hindsight_goal: Literal["feature", "prototype"] = "prototype"
     """Goal of a relabelled episode: `feature` is f(o_T) (paper); `prototype` the class prototype nearest to
     f(o_T) in angle, which is what the policy is asked for when acting."""
     value_target: Literal["behaviour", "hindsight_return"] = "behaviour"
@@ -129,34 +130,36 @@ class MethodSection(_Section):
 class TrainSection(_Section):
     """The optimisation and the bookkeeping of a run."""
 
-    episodes: PositiveInt = 150_000
+    episodes: PositiveInt = 60_000
     """Episodes until the run is finished."""
     episodes_per_update: PositiveInt = 4
     """Episodes behind an optimiser step (paper: 1; a trial with 16 needed 2.7 times the episodes of 4)."""
     learners: PositiveInt = 1
     """Threads that share the episodes of an update, each with a SupCon batch and batch statistics of its own;
     their gradients are averaged. Two use two cores (paper: 5 asynchronous processes)."""
-    learning_rate: PositiveFloat = 3e-4
-    """Adam with AMSGrad (paper: 1e-4 for one episode an update)."""
-    learning_rate_end: PositiveFloat | None = None
+    learning_rate: PositiveFloat = 5e-4
+    """Adam with AMSGrad, at the start (paper: 1e-4 for one episode an update; at 1e-3 trained policies
+    collapse)."""
+    learning_rate_end: PositiveFloat | None = 1e-4
     """Learning rate from `schedule_episodes` on, reached linearly; null keeps `learning_rate` (paper)."""
     extractor_stride: PositiveInt = 1
     """Of so many observations of an episode one trains the extractor, each in turn (paper: all); the others
     are embedded as when acting, at a third of the cost, and train LSTM and heads alone."""
     head_rate: PositiveFloat = 1.0
     """Learning rate of gate, LSTM and heads as a multiple of `learning_rate`, which the extractor has."""
-    schedule_episodes: PositiveInt = 50_000
+    schedule_episodes: PositiveInt = 15_000
     """Episodes over which learning rate and entropy weight move to their ends."""
     gamma: Probability = 0.99
     """Discount (paper: 0.99)."""
-    return_lambda: Probability = 1.0
-    """Lambda of the returns: 1 is Monte-Carlo (paper), less trusts the critic's next values in part."""
+    return_lambda: Probability = 0.75
+    """Lambda of the returns: 1 is Monte-Carlo (paper); less trusts the critic's next values in part, and what
+    is left of timeouts goes twice as fast."""
     reward_scale: PositiveFloat = 0.1
     """Factor on the environment's reward; at 1 the policy's entropy collapses."""
     value_weight: NonNegativeFloat = 0.5
-    entropy_weight: NonNegativeFloat = 0.01
-    """Entropy coefficient (paper: 0.01)."""
-    entropy_weight_end: NonNegativeFloat | None = None
+    entropy_weight: NonNegativeFloat = 0.03
+    """Entropy coefficient at the start (paper: 0.01; then one of the two turns dies out early)."""
+    entropy_weight_end: NonNegativeFloat | None = 0.008
     """Entropy coefficient from `schedule_episodes` on, reached linearly; null keeps `entropy_weight`
     (paper)."""
     max_grad_norm: PositiveFloat = 10.0
