@@ -85,7 +85,7 @@ def toy_learner(name: str, *overrides: str) -> VHS:
     return make_learner(toy_config(name, *overrides), ToyRoom())
 
 
-def play_toy(config: Config, episodes: int, *, learn: bool = True) -> float:
+def play_toy(config: Config, episodes: int) -> float:
     """Train on the toy room; the success rate of the last quarter."""
     learner = make_learner(config, ToyRoom())
     group = config.train.episodes_per_update
@@ -101,8 +101,7 @@ def play_toy(config: Config, episodes: int, *, learn: bool = True) -> float:
             ended, waiting = waiting[:group], waiting[group:]
             ids = np.array([episode.id for episode in ended])
             goals = torch.stack([episode.goal_embedding for episode in ended])
-            if learn:
-                learner.update([(buffer.gather(ids), goals)])
+            learner.update([(buffer.gather(ids), goals)])
             learner.goal_store.collect(buffer, ids)
             outcomes += [episode.outcome for episode in ended]
     return float(np.mean([outcome == Outcome.SUCCESS for outcome in outcomes[-episodes // 4 :]]))
