@@ -18,7 +18,10 @@ def write(path: Path, text: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("path", sorted(CONFIGS.rglob("*.yaml")), ids=lambda path: path.name)
+SWEEPS = set((CONFIGS / "sweeps").iterdir())  # files of another kind: tests/sweep
+
+
+@pytest.mark.parametrize("path", sorted(set(CONFIGS.rglob("*.yaml")) - SWEEPS), ids=lambda path: path.name)
 def test_every_shipped_file_is_valid(path: Path) -> None:
     load_config([path])
 
@@ -54,6 +57,17 @@ def test_the_paper_overlay_holds_the_papers_table() -> None:
         1,
         5,
     )
+
+
+def test_the_paper_overlay_switches_every_departure_off() -> None:
+    method, train = load_config([CONFIGS / "paper.yaml"]).method, load_config([CONFIGS / "paper.yaml"]).train
+    assert (method.hindsight_goal, method.hindsight_discount, method.value_target) == (
+        "feature",
+        1.0,
+        "behaviour",
+    )
+    assert (train.return_lambda, train.extractor_stride, train.head_rate, train.learners) == (1.0, 1, 1.0, 1)
+    assert train.learning_rate_end is train.entropy_weight_end is None
 
 
 @pytest.mark.parametrize(

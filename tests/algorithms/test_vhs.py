@@ -123,7 +123,7 @@ def test_only_failures_are_relabelled() -> None:
 
 
 def test_the_hindsight_goal_is_the_detached_feature_of_the_final_observation() -> None:
-    vhs = make_vhs("method.relabel_probability=1.0", "train.entropy_weight=0")
+    vhs = make_vhs("method.relabel_probability=1.0", "method.hindsight_goal=feature")
     batch = make_batch([Outcome.FAILURE])
     seen: list[tuple[Tensor, Tensor, Tensor]] = []
 
@@ -166,7 +166,7 @@ def test_scheduled_numbers_go_linearly_to_their_end_and_stay(updates: int, expec
 
 
 def test_numbers_without_an_end_stay() -> None:
-    vhs = make_vhs("train.learning_rate=0.5")
+    vhs = make_vhs("train.learning_rate=0.5", "train.learning_rate_end=null")
     vhs.updates = 10**6
     assert vhs._scheduled("learning_rate") == 0.5
 
@@ -215,7 +215,7 @@ def test_hindsight_value_targets(value_target: str) -> None:
 
 
 def test_a_step_of_a_relabelled_episode_weighs_as_much_as_any_other() -> None:
-    vhs = make_vhs("method.relabel_probability=1.0")
+    vhs = make_vhs("method.relabel_probability=1.0", "method.hindsight_discount=1.0")
     alone = make_batch([Outcome.FAILURE])
     among = make_batch([Outcome.FAILURE, Outcome.TIMEOUT])
     share = alone.lengths.sum() / among.lengths.sum()

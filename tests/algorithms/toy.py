@@ -75,6 +75,12 @@ def toy_config(name: str, *overrides: str) -> Config:
         "method.supcon_batch=12",
         "method.prototype_samples=4",
         "train.learning_rate=3e-3",
+        "train.learning_rate_end=null",
+        "train.entropy_weight=0.01",
+        "train.entropy_weight_end=null",
+        "train.return_lambda=1.0",
+        "method.hindsight_goal=feature",
+        "method.hindsight_discount=1.0",
         "train.precision=float32",
     ]
     return load_config([ALGORITHMS / f"{name}.yaml"], [*small, *overrides])

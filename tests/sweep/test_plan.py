@@ -102,7 +102,6 @@ def test_a_wrong_sweep_file_is_explained(text: str, message: str, tmp_path: Path
     assert re.match(rf"{re.escape(str(tmp_path))}/(sweep|none)\.yaml: ", str(caught.value))
 
 
-@pytest.mark.skipif(not HAS_BASELINES, reason="the baselines are not there yet")
 @pytest.mark.parametrize(("name", "count"), [("paper", 63), ("quick", 10)])
 def test_the_sweeps_that_we_ship_plan_their_runs(name: str, count: int) -> None:
     path = SWEEPS / f"{name}.yaml"
