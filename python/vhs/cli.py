@@ -1,4 +1,4 @@
-"""The command line: ``vhs train`` and ``vhs eval``.
+"""The command line: ``vhs train``, ``vhs eval``, ``vhs play`` and ``vhs report``.
 
 Heavy imports wait until a command needs them, so that ``vhs --help`` answers at once.
 """
@@ -22,7 +22,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] == "vhs":
             raise
-        print(f"vhs: {error.name} is not installed; pip install 'vhs[train]'", file=sys.stderr)
+        print(f"vhs: {error.name} is not installed; pip install 'vhs[{options.extra}]'", file=sys.stderr)
         return 1
     except VhsError as error:
         print(f"vhs: {error}", file=sys.stderr)
@@ -34,10 +34,12 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="vhs", description="Hindsight goals for reinforcement learning from images."
     )
+    parser.set_defaults(extra="train")
     parser.add_argument("--version", action="version", version=f"vhs {__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_train(commands.add_parser("train", help="train an agent, or resume its training"))
     _add_eval(commands.add_parser("eval", help="measure a trained agent"))
+    _add_play(commands.add_parser("play", help="watch a trained agent, or drive the robot"))
     return parser
 
 
@@ -74,6 +76,22 @@ def _add_eval(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=_eval)
 
 
+def _add_play(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("run_directory", type=Path, metavar="RUN", help="directory of a run")
+    parser.add_argument(
+        "--episodes", type=_positive, default=3, metavar="N", help="episodes to play (default: 3)"
+    )
+    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="which rooms (default: 0)")
+    parser.add_argument("--greedy", action="store_true", help="take the likeliest action instead of sampling")
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="film to write, .gif or .mp4 (default: open a window)"
+    )
+    parser.add_argument(
+        "--human", action="store_true", help="drive the robot: arrow keys, 1 to 3 or space interact"
+    )
+    parser.set_defaults(run=_play, extra="report")
+
+
 def _train(options: argparse.Namespace) -> int:
     from vhs.config import load_config
     from vhs.train import train
@@ -95,6 +113,21 @@ def _eval(options: argparse.Namespace) -> int:
     else:
         for name, value in result.items():
             print(f"{name} {value:.3f}" if isinstance(value, float) else f"{name} {value}")
+    return 0
+
+
+def _play(options: argparse.Namespace) -> int:
+    from vhs.play import play
+
+    done = play(
+        options.run_directory,
+        episodes=options.episodes,
+        seed=options.seed,
+        greedy=options.greedy,
+        out=options.out,
+        is_human=options.human,
+    )
+    print(done)
     return 0
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from vhs._core import VhsError
 
-__all__ = ["CheckpointError", "ConfigError", "DivergenceError", "VhsError"]
+__all__ = ["CheckpointError", "ConfigError", "DivergenceError", "OutputError", "VhsError"]
 
 
 class ConfigError(VhsError, ValueError):
@@ -20,3 +20,7 @@ class CheckpointError(VhsError, RuntimeError):
 
 class DivergenceError(VhsError, ArithmeticError):
     """A loss or gradient that is not finite; the weights were left as they were."""
+
+
+class OutputError(VhsError, RuntimeError):
+    """Something that cannot be shown or written: no display, no such folder, no encoder, no permission."""
