@@ -40,6 +40,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_train(commands.add_parser("train", help="train an agent, or resume its training"))
     _add_eval(commands.add_parser("eval", help="measure a trained agent"))
     _add_play(commands.add_parser("play", help="watch a trained agent, or drive the robot"))
+    _add_report(commands.add_parser("report", help="write a page about a run, or about several"))
     return parser
 
 
@@ -92,6 +93,20 @@ def _add_play(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=_play, extra="report")
 
 
+def _add_report(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "path", type=Path, metavar="RUN-OR-DIRECTORY", help="a run, or a directory that holds some"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="HTML file (default: report.html in the directory)"
+    )
+    parser.add_argument(
+        "--episodes", type=_positive, default=100, metavar="N", help="episodes to evaluate (default: 100)"
+    )
+    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="which rooms (default: 0)")
+    parser.set_defaults(run=_report, extra="report")
+
+
 def _train(options: argparse.Namespace) -> int:
     from vhs.config import load_config
     from vhs.train import train
@@ -128,6 +143,13 @@ def _play(options: argparse.Namespace) -> int:
         is_human=options.human,
     )
     print(done)
+    return 0
+
+
+def _report(options: argparse.Namespace) -> int:
+    from vhs.report import report
+
+    print(report(options.path, options.out, episodes=options.episodes, seed=options.seed))
     return 0
 
 

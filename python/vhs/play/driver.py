@@ -8,7 +8,7 @@ from functools import partial
 from vhs import Outcome
 from vhs.envs import RoomEnv
 from vhs.envs.config import FIRST_INTERACTION, MOVE_FORWARD, TURN_LEFT, TURN_RIGHT
-from vhs.play.episode import Moment, action_name, ending, snapshot
+from vhs.play.episode import Moment, ending, snapshot
 from vhs.play.film import LAST_FRAME_S
 from vhs.play.picture import draw
 from vhs.play.window import Window
@@ -86,5 +86,5 @@ class Person:
             moment = ending(self._room, observation["image"], info)
             self.outcomes.append(Outcome.from_name(info["outcome"]))
         else:
-            moment = snapshot(self._room, observation["image"], action=action_name(self._room, action))
+            moment = snapshot(self._room, observation["image"])
         self._window.show(draw(moment))
