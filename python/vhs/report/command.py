@@ -10,11 +10,11 @@ from pathlib import Path
 from vhs import VhsError, __version__
 from vhs.errors import OutputError
 from vhs.play.agent import TrainedAgent, load_agent
-from vhs.report.curves import cost_section, loss_section, outcome_section, success_section
+from vhs.report.curves import cost_section, curve_section, loss_section
+from vhs.report.evaluation import confusion_section, episode_section
 from vhs.report.goals import feature_section, look_at_goals, prototype_section, store_section
 from vhs.report.page import Section, page
-from vhs.report.paths import confusion_section, episode_section
-from vhs.report.runs import Group, Run, find_runs, final_mean, group_runs
+from vhs.report.runs import Group, Run, final_mean, find_runs, group_runs
 from vhs.report.setup import setup_section
 from vhs.report.tracks import Track, play_tracks, success_and_spl, wilson_interval
 
@@ -53,7 +53,13 @@ def report(path: Path, out: Path | None = None, *, episodes: int = 100, seed: in
     _check_writable(out)
     groups = group_runs(runs)
     subject = _subject(runs, episodes, seed)
-    text = page(_title(groups), _subtitle(runs, groups, subject), _tiles(runs, subject), _sections(runs, groups, subject), _foot())
+    text = page(
+        _title(groups),
+        _subtitle(runs, groups, subject),
+        _tiles(runs, subject),
+        _sections(runs, groups, subject),
+        _foot(),
+    )
     _write(out, text)
     return out
 
@@ -103,8 +109,7 @@ def _sections(runs: Sequence[Run], groups: Sequence[Group], subject: _Subject) -
     goals = None if subject.agent is None else look_at_goals(subject.agent)
     why = subject.why or "the goal store is empty: no episode of this run has succeeded yet"
     return [
-        success_section(groups),
-        outcome_section(groups),
+        curve_section(groups),
         confusion_section(subject.tracks, subject.why),
         episode_section(subject.tracks, subject.why),
         store_section(goals, why),
@@ -129,7 +134,7 @@ def _subtitle(runs: Sequence[Run], groups: Sequence[Group], subject: _Subject) -
         text += ", one seed: curves have no band"
     if subject.agent is not None and subject.run is not None:
         text += f". Episodes, goals and features are those of {subject.run.name}"
-        text += " after {:,} episodes of training".format(subject.agent.episodes)
+        text += f" after {subject.agent.episodes:,} episodes of training"
         text += ", the run with the best success that has a checkpoint." if len(runs) > 1 else "."
     elif subject.why:
         text += f". No agent to look at: {subject.why}."
@@ -142,7 +147,8 @@ def _tiles(runs: Sequence[Run], subject: _Subject) -> list[tuple[str, str]]:
     if subject.tracks:
         success, spl = success_and_spl(subject.tracks)
         low, high = wilson_interval(success, len(subject.tracks))
-        text = f"success in {len(subject.tracks)} evaluation episodes (95 %: {100 * low:.0f} to {100 * high:.0f} %)"
+        interval = f"95 %: {100 * low:.0f} to {100 * high:.0f} %"
+        text = f"success in {len(subject.tracks)} evaluation episodes ({interval})"
         tiles += [(f"{success:.1%}", text), (f"{spl:.2f}", "SPL: success weighted by shortest / taken steps")]
     rows = subject.run.rows if subject.run is not None else next((r.rows for r in runs if r.rows), ())
     if rows:
@@ -151,9 +157,11 @@ def _tiles(runs: Sequence[Run], subject: _Subject) -> list[tuple[str, str]]:
     if rows and "time/minutes" in rows[-1]:
         tiles.append((f"{rows[-1]['time/minutes']:.0f} min", "of training"))
     if rows and "env_steps" in rows[-1]:
-        tiles.append((f"{rows[-1]['env_steps'] / max(rows[-1]['time/minutes'], 1e-9) / 60:.0f}", "environment steps a second"))
+        speed = rows[-1]["env_steps"] / max(60 * rows[-1].get("time/minutes", 0.0), 1e-9)
+        tiles.append((f"{speed:.0f}", "environment steps a second"))
     return tiles
 
 
 def _foot() -> str:
-    return f"Written by vhs {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC. One file, nothing loaded from elsewhere."
+    now = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
+    return f"Written by vhs {__version__}, {now}. One file, nothing loaded from elsewhere."

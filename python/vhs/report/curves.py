@@ -1,4 +1,7 @@
-"""Sections about training: success, outcomes, losses, speed. Bands are mean and standard deviation over seeds."""
+"""Sections about training: success, outcomes, losses, speed.
+
+A curve is the mean over seeds, its band one standard deviation; of one seed there is no band.
+"""
 
 from __future__ import annotations
 
@@ -40,36 +43,35 @@ _SMOOTHED_SHARE = 40
 """A curve is smoothed over a 40th of its rows: enough to see the trend, too little to move it."""
 
 
-def success_section(groups: Sequence[Group]) -> Section:
-    """Success over training, a chart a task; with several groups a table of where they ended."""
-    cards = []
-    for task, members in by_task(groups):
-        marks = tuple((f"paper {name}", rate) for name, rate in PAPER_SUCCESS.get(task, {}).items())
-        axes = Axes(f"{task}: success over training", is_share=True, marks=marks)
-        lines = _lines(members, "rate/success")
-        if lines:
-            cards.append(card(f"{task}: success", line_chart(axes, lines), _smoothing_note(members)))
+def curve_section(groups: Sequence[Group]) -> Section:
+    """Success over training, a chart a task, then how episodes end, a chart a group."""
+    cards = [chart for task, members in by_task(groups) for chart in _success_card(task, members)]
+    cards += [chart for group in groups for chart in _outcome_card(group)]
     if not cards:
         return Section("curves", "Learning curves", missing("no log with a row in it"))
     body = f'<div class="grid">{"".join(cards)}</div>'
-    return Section("curves", "Learning curves", body + (_results(groups) if len(groups) > 1 else ""))
+    return Section("curves", "Learning curves", (_results(groups) if len(groups) > 1 else "") + body)
 
 
-def outcome_section(groups: Sequence[Group]) -> Section:
-    """Shares of success, failure and timeout over training, a chart a group."""
-    cards = []
-    for group in groups:
-        lines = [
-            line
-            for outcome, colour in OUTCOMES.items()
-            if (line := _line(group, f"rate/{outcome}", outcome, colour)) is not None
-        ]
-        if lines:
-            title = f"{group.task}, {group.label}"
-            axes = Axes(f"{title}: outcomes over training", is_share=True)
-            cards.append(card(title, line_chart(axes, lines), _seeds(group)))
-    body = f'<div class="grid">{"".join(cards)}</div>' if cards else missing("no log with a row in it")
-    return Section("outcomes", "How episodes end", body)
+def _success_card(task: str, members: Sequence[Group]) -> list[str]:
+    lines = _lines(members, "rate/success")
+    if not lines:
+        return []
+    marks = tuple((f"paper {name}", rate) for name, rate in PAPER_SUCCESS.get(task, {}).items())
+    axes = Axes(f"{task}: success over training", is_share=True, marks=marks)
+    return [card(f"{task}: success", line_chart(axes, lines), _smoothing_note(members))]
+
+
+def _outcome_card(group: Group) -> list[str]:
+    lines = [
+        line
+        for outcome, colour in OUTCOMES.items()
+        if (line := _line(group, f"rate/{outcome}", outcome, colour)) is not None
+    ]
+    if not lines:
+        return []
+    axes = Axes(f"{group.task}, {group.label}: outcomes over training", is_share=True)
+    return [card(f"{group.task}: how episodes end, {group.label}", line_chart(axes, lines), _seeds(group))]
 
 
 def loss_section(groups: Sequence[Group]) -> Section:
@@ -159,8 +161,8 @@ def _smooth(values: FloatArray) -> FloatArray:
 
 def _smoothing_note(groups: Sequence[Group]) -> str:
     bands = any(len(group.runs) > 1 for group in groups)
-    note = "Mean and standard deviation over seeds" if bands else "One seed: no band; thin line: every row of the log"
-    return f"{note}. Sampled actions; dotted: final rates in the paper."
+    note = "Mean and standard deviation over seeds" if bands else "One seed: no band"
+    return f"{note}. Actions sampled. Dotted: final rates in the paper. Thin: before smoothing."
 
 
 def _seeds(group: Group) -> str:

@@ -1,4 +1,4 @@
-"""Sections about the goal store: its images, what prototypes look like, and how features of classes lie apart."""
+"""Sections about the goal store: its images, what prototypes look like, how features of classes lie."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vhs.play.agent import TrainedAgent
 from vhs.play.episode import object_title
 from vhs.report.decoder import decode
-from vhs.report.page import Section, card, figure, image, legend, missing
+from vhs.report.page import Section, card, figure, image, legend, missing, shaded
 from vhs.report.svg import svg
 
 _A_CLASS = 150
@@ -46,7 +46,11 @@ class StoredGoals:
 def look_at_goals(agent: TrainedAgent) -> StoredGoals | None:
     """Sample the goal store and embed what is there; None where the store is empty."""
     store, learner = agent.learner.goal_store, agent.learner
-    found = [(label, _distinct(store.sample_class(label, 3 * _A_CLASS))) for label, n in enumerate(store.counts) if n]
+    found = [
+        (label, _distinct(store.sample_class(label, 3 * _A_CLASS)))
+        for label, n in enumerate(store.counts)
+        if n
+    ]
     if not found:
         return None
     observations = np.concatenate([images for _, images in found])
@@ -90,7 +94,11 @@ def prototype_section(goals: StoredGoals | None, why: str) -> Section:
     labels = np.flatnonzero(goals.has_prototype)
     if not len(labels):
         held = int(goals.counts.sum())
-        return Section("prototypes", title, missing(f"the store holds {held} images and prototypes start at {goals.warmup}"))
+        return Section(
+            "prototypes",
+            title,
+            missing(f"the store holds {held} images and prototypes start at {goals.warmup}"),
+        )
     decoded = decode(goals.features, goals.frames, goals.prototypes[labels])
     rows = []
     for label, picture in zip(labels.tolist(), decoded, strict=True):
@@ -101,8 +109,8 @@ def prototype_section(goals: StoredGoals | None, why: str) -> Section:
         )
         rows.append(_class_row(label, "", pictures))
     lead = (
-        "Left: the prototype through a small decoder that was trained on the stored images for this page. Right: the "
-        "stored images whose features are nearest to it, of whatever class, with the cosine between the two."
+        "Left: the prototype through a small decoder that was trained on the stored images for this page. Right: "
+        "the stored images whose features are nearest to it, of whatever class, with the cosine between the two."
     )
     return Section("prototypes", title, f'<div class="card">{"".join(rows)}</div>', lead)
 
@@ -124,10 +132,37 @@ def feature_section(goals: StoredGoals | None, why: str) -> Section:
     perplexity = min(30.0, (len(points) - 1) / 3)
     plane = TSNE(2, perplexity=perplexity, init="pca", random_state=0, metric="cosine").fit_transform(points)
     names = [(object_title(label), f"var(--o{label})") for label in np.unique(goals.labels).tolist()]
-    note = f"{len(goals.features)} stored images; one shape and colour a class; large with a rim: the prototype."
+    note = (
+        f"{len(goals.features)} stored images; one shape and colour a class; large with a rim: the prototype."
+    )
     chart = _scatter(plane, np.concatenate([goals.labels, labels]), len(goals.features))
-    lead = "t-SNE of f(o): what lies together looks alike to the agent. Axes have no unit."
-    return Section("features", title, f'<div class="grid">{card("t-SNE", legend(names) + chart, note)}</div>', lead)
+    lead = (
+        "f(o) of stored images: what lies together looks alike to the agent. The axes of t-SNE have no unit."
+    )
+    cards = card("t-SNE", legend(names) + chart, note) + card(
+        "Cosine between images of two classes", *_cosines(goals)
+    )
+    return Section("features", title, f'<div class="grid">{cards}</div>', lead)
+
+
+def _cosines(goals: StoredGoals) -> tuple[str, str]:
+    """A table of mean cosines between features of two classes, and a note."""
+    unit = goals.features / np.linalg.norm(goals.features, axis=1, keepdims=True)
+    labels = np.unique(goals.labels).tolist()
+    means = np.stack([unit[goals.labels == label].mean(axis=0) for label in labels])
+    cosines = means @ means.T
+    low, span = cosines.min(), max(float(np.ptp(cosines)), 1e-9)
+    names = [escape(object_title(label)) for label in labels]
+    rows = (
+        f"<tr><th>{name}</th>{''.join(shaded(f'{value:.2f}', (value - low) / span) for value in row)}</tr>"
+        for name, row in zip(names, cosines, strict=True)
+    )
+    head = "".join(f"<th>{name}</th>" for name in names)
+    table = (
+        f'<table class="matrix"><thead><tr><th></th>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table>'
+    )
+    note = "Mean over all pairs of images; on the diagonal within a class. Dark: alike, relative to the rest."
+    return f'<div class="scroll">{table}</div>', note
 
 
 def _class_row(label: int, note: str, pictures: str) -> str:
@@ -186,7 +221,13 @@ def _marker(label: int, x: float, y: float, *, is_prototype: bool) -> str:
     return f'<polygon style="fill:var(--o{label}){rim}" points="{shape}">{name}</polygon>'
 
 
-_CORNERS: Sequence[tuple[int, float, float]] = ((12, 0.0, 1.0), (4, 45.0, 1.15), (3, -90.0, 1.3), (4, 0.0, 1.2), (3, 90.0, 1.3))
+_CORNERS: Sequence[tuple[int, float, float]] = (
+    (12, 0.0, 1.0),
+    (4, 45.0, 1.15),
+    (3, -90.0, 1.3),
+    (4, 0.0, 1.2),
+    (3, 90.0, 1.3),
+)
 """Shapes that tell classes apart without colour: disc, square, triangle, diamond, triangle upside down."""
 
 

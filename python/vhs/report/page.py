@@ -1,6 +1,7 @@
 """The page: its sections, its style, and the small pieces of HTML that sections are made of.
 
-Invariants: one file that refers to nothing outside itself; well-formed XML, so that a test can read it; no script.
+Invariants: one file that refers to nothing outside itself; well-formed XML, so that a test can read it; no
+script.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from xml.sax.saxutils import escape
+from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,9 @@ class Section:
     """A sentence or two below the title, plain text."""
 
 
-def page(title: str, subtitle: str, tiles: Sequence[tuple[str, str]], sections: Sequence[Section], foot: str) -> str:
+def page(
+    title: str, subtitle: str, tiles: Sequence[tuple[str, str]], sections: Sequence[Section], foot: str
+) -> str:
     """The whole document.
 
     Args:
@@ -39,6 +42,7 @@ def page(title: str, subtitle: str, tiles: Sequence[tuple[str, str]], sections: 
         sections: in the order of the page.
         foot: plain text.
     """
+    # Not escaped: HTML reads no entities in a style sheet, and this one holds neither < nor &.
     style = files("vhs.report").joinpath("style.css").read_text(encoding="utf-8")
     links = "".join(f'<a href="#{s.anchor}">{escape(s.title)}</a>' for s in sections)
     shown = "".join(f'<div class="tile"><b>{escape(b)}</b><span>{escape(t)}</span></div>' for b, t in tiles)
@@ -50,7 +54,8 @@ def page(title: str, subtitle: str, tiles: Sequence[tuple[str, str]], sections: 
 <meta name="color-scheme" content="light dark"/>
 <link rel="icon" href="data:,"/>
 <title>{escape(title)}</title>
-<style>{escape(style)}</style>
+<style>
+{style}</style>
 </head>
 <body>
 <header><div>
@@ -81,7 +86,9 @@ def missing(why: str) -> str:
 
 def legend(names: Sequence[tuple[str, str]]) -> str:
     """Names with the colours they are drawn in."""
-    items = "".join(f'<span><i style="background:{colour}"></i>{escape(name)}</span>' for name, colour in names)
+    items = "".join(
+        f'<span><i style="background:{colour}"></i>{escape(name)}</span>' for name, colour in names
+    )
     return f'<div class="legend">{items}</div>'
 
 
@@ -89,8 +96,10 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], numbers_from: int)
     """A table of plain texts; columns from `numbers_from` on are aligned as numbers."""
 
     def cells(tag: str, texts: Sequence[str]) -> str:
-        kinds = ['' if column < numbers_from else ' class="num"' for column in range(len(texts))]
-        return "".join(f"<{tag}{kind}>{escape(text)}</{tag}>" for kind, text in zip(kinds, texts, strict=True))
+        kinds = ["" if column < numbers_from else ' class="num"' for column in range(len(texts))]
+        return "".join(
+            f"<{tag}{kind}>{escape(text)}</{tag}>" for kind, text in zip(kinds, texts, strict=True)
+        )
 
     body = "".join(f"<tr>{cells('td', row)}</tr>" for row in rows)
     return (
@@ -99,18 +108,25 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], numbers_from: int)
     )
 
 
+def shaded(text: str, share: float) -> str:
+    """A table cell that is darker the greater `share` is, in 0..1."""
+    return f'<td style="background:rgba(var(--cell),{0.75 * share:.2f})">{escape(text)}</td>'
+
+
 def image(picture: NDArray[np.uint8], alt: str) -> str:
     """A picture, uint8 [H, W, 3], inside the page."""
     data = base64.b64encode(png_bytes(picture)).decode("ascii")
     return (
-        f'<img class="pixels" alt="{escape(alt, {chr(34): "&#34;"})}" width="{picture.shape[1]}" '
+        f'<img class="pixels" alt={quoteattr(alt)} width="{picture.shape[1]}" '
         f'height="{picture.shape[0]}" src="data:image/png;base64,{data}"/>'
     )
 
 
 def figure(picture: NDArray[np.uint8], caption: str, kind: str = "") -> str:
     """A picture with a plain caption."""
-    return f'<figure class="{kind}">{image(picture, caption)}<figcaption>{escape(caption)}</figcaption></figure>'
+    return (
+        f'<figure class="{kind}">{image(picture, caption)}<figcaption>{escape(caption)}</figcaption></figure>'
+    )
 
 
 def _section(section: Section) -> str:

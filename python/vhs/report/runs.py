@@ -1,4 +1,4 @@
-"""The runs that a report is about: what their directories hold, and which of them differ in their seed alone."""
+"""The runs that a report is about: what their directories hold, and which differ in their seed alone."""
 
 from __future__ import annotations
 

@@ -16,7 +16,8 @@ def setup_section(runs: Sequence[Run], shown: Run | None) -> Section:
     if shown is not None and shown.config is not None:
         parts.append(_departures(shown.config))
         text = escape(dump_config(shown.config))
-        parts.append(f'<div class="card" style="margin-top:16px"><details><summary>Resolved configuration of {escape(shown.name)}</summary><pre>{text}</pre></details></div>')
+        head = f"<summary>Resolved configuration of {escape(shown.name)}</summary>"
+        parts.append(f'<div class="card setup"><details>{head}<pre>{text}</pre></details></div>')
     else:
         parts.append(missing("no run has a readable configuration"))
     return Section("setup", "What made this", "".join(parts))
@@ -28,7 +29,9 @@ def _provenance(runs: Sequence[Run]) -> str:
         seed = "?" if run.config is None else str(run.config.seed)
         told = [str(run.meta.get(key) or "?") for key in ("command", "commit", "version", "time", "machine")]
         rows.append((run.name, *told, seed))
-    return table(("run", "command", "commit", "version", "started (UTC)", "machine", "seed"), rows, numbers_from=6)
+    return table(
+        ("run", "command", "commit", "version", "started (UTC)", "machine", "seed"), rows, numbers_from=6
+    )
 
 
 def _notes(runs: Sequence[Run]) -> str:
@@ -42,4 +45,6 @@ def _departures(config: Config) -> str:
     rows = [(key, value, plain.get(key, "-")) for key, value in mine.items() if value != plain.get(key)]
     if not rows:
         return '<p class="note">Every setting is the default.</p>'
-    return "<h3>Settings that are not the default</h3>" + table(("key", "value", "default"), rows, numbers_from=3)
+    return "<h3>Settings that are not the default</h3>" + table(
+        ("key", "value", "default"), rows, numbers_from=3
+    )

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from xml.sax.saxutils import escape
+from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +67,9 @@ class Frame:
         self.x_max = max(float(line.x.max()) for line in lines)
         low, high = _range(axes, lines)
         self.ticks = nice_ticks(low, high)
-        self.low, self.high = (0.0, 1.0) if axes.is_share else (min(low, self.ticks[0]), max(high, self.ticks[-1]))
+        self.low, self.high = (
+            (0.0, 1.0) if axes.is_share else (min(low, self.ticks[0]), max(high, self.ticks[-1]))
+        )
 
     def x(self, value: float) -> float:
         """Pixels from the left."""
@@ -84,16 +86,21 @@ class Frame:
         for tick in self.ticks:
             y = self.y(tick)
             text = f"{tick:.0%}" if self.axes.is_share else compact(tick)
-            parts.append(f'<line class="grid" x1="{self.left}" x2="{self.right:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>')
-            parts.append(f'<text class="tick" x="{self.left - 7}" y="{y + 4:.1f}" text-anchor="end">{text}</text>')
+            parts.append(
+                f'<line class="grid" x1="{self.left}" x2="{self.right:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>'
+            )
+            parts.append(
+                f'<text class="tick" x="{self.left - 7}" y="{y + 4:.1f}" text-anchor="end">{text}</text>'
+            )
         for tick in nice_ticks(0, self.x_max, 3):
             x = self.x(tick)
-            parts.append(
-                f'<text class="tick" x="{x:.1f}" y="{self.bottom + 19}" text-anchor="middle">{compact(tick)}</text>'
-            )
+            place = f'x="{x:.1f}" y="{self.bottom + 19}" text-anchor="middle"'
+            parts.append(f'<text class="tick" {place}>{compact(tick)}</text>')
         middle = (self.left + self.right) / 2
         label = escape(self.axes.x_label)
-        parts.append(f'<text class="axis" x="{middle:.1f}" y="{self.bottom + 40}" text-anchor="middle">{label}</text>')
+        parts.append(
+            f'<text class="axis" x="{middle:.1f}" y="{self.bottom + 40}" text-anchor="middle">{label}</text>'
+        )
         return "".join(parts)
 
 
@@ -101,9 +108,11 @@ def line_chart(axes: Axes, lines: Sequence[Line]) -> str:
     """Curves with bands, named at their right end."""
     frame = Frame(axes, lines)
     parts = [frame.grid()]
-    for text, value in axes.marks:
+    for _, value in axes.marks:
         y = frame.y(value)
-        parts.append(f'<line class="mark" x1="{frame.left}" x2="{frame.right:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>')
+        parts.append(
+            f'<line class="mark" x1="{frame.left}" x2="{frame.right:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>'
+        )
     parts += [_band(frame, line) for line in lines]
     parts += [_curve(frame, line) for line in lines]
     parts += [_hover(frame, line) for line in lines]
@@ -114,8 +123,8 @@ def line_chart(axes: Axes, lines: Sequence[Line]) -> str:
 def svg(width: float, height: float, title: str, content: str, kind: str = "chart") -> str:
     """A drawing that scales with the page."""
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" class="{kind}" viewBox="0 0 {width:g} {height:g}" role="img" '
-        f'aria-label="{escape(title, {chr(34): "&#34;"})}">{content}</svg>'
+        f'<svg xmlns="http://www.w3.org/2000/svg" class="{kind}" viewBox="0 0 {width:g} {height:g}" '
+        f'role="img" aria-label={quoteattr(title)}>{content}</svg>'
     )
 
 
@@ -175,8 +184,9 @@ def _hover(frame: Frame, line: Line) -> str:
     parts = []
     for x, y in zip(line.x[rows], line.y[rows], strict=True):
         value = f"{y:.1%}" if frame.axes.is_share else f"{y:.4g}"
+        place = f'cx="{frame.x(x):.1f}" cy="{frame.y(y):.1f}" r="5"'
         parts.append(
-            f'<circle class="hover" style="fill:{line.colour}" cx="{frame.x(x):.1f}" cy="{frame.y(y):.1f}" r="5">'
+            f'<circle class="hover" style="fill:{line.colour}" {place}>'
             f"<title>{escape(line.label)}: {value} at {x:,.0f}</title></circle>"
         )
     return "".join(parts)
@@ -192,8 +202,9 @@ def _end_labels(frame: Frame, lines: Sequence[Line]) -> str:
         ]
     named.sort()
     places = spread([place for place, *_ in named], _LINE_PX, frame.bottom)
+    left = f"{frame.right + 8:.1f}"
     return "".join(
-        f'<text class="{kind}" style="fill:{colour}" x="{frame.right + 8:.1f}" y="{y + 4:.1f}">{escape(text)}</text>'
+        f'<text class="{kind}" style="fill:{colour}" x="{left}" y="{y + 4:.1f}">{escape(text)}</text>'
         for y, (_, text, kind, colour) in zip(places, named, strict=True)
     )
 

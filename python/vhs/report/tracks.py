@@ -1,4 +1,4 @@
-"""Evaluation episodes played for the page, with the true state: what was asked, reached, and the way there."""
+"""Evaluation episodes played for the page, with the true state: what was asked, reached, and the way."""
 
 from __future__ import annotations
 
@@ -58,9 +58,7 @@ def play_tracks(agent: TrainedAgent, episodes: int, seed: int) -> list[Track]:
         first = next(moments)  # the room has now been reset
         shortest, optimal = _shortest(room)
         objects = room.world.footprints
-        tracks.append(
-            Track(number, room.goal, (first, *moments), objects, shortest, optimal, room.config)
-        )
+        tracks.append(Track(number, room.goal, (first, *moments), objects, shortest, optimal, room.config))
     return tracks
 
 
@@ -80,7 +78,9 @@ def success_and_spl(tracks: Sequence[Track]) -> tuple[float, float]:
     """Success rate, and success weighted by optimal / taken steps over the episodes that can be solved."""
     success = np.mean([track.outcome is Outcome.SUCCESS for track in tracks])
     weights = [
-        track.optimal_steps / max(track.steps, track.optimal_steps) if track.outcome is Outcome.SUCCESS else 0.0
+        track.optimal_steps / max(track.steps, track.optimal_steps)
+        if track.outcome is Outcome.SUCCESS
+        else 0.0
         for track in tracks
         if track.optimal_steps is not None
     ]
@@ -98,9 +98,7 @@ def wilson_interval(share: float, count: int) -> tuple[float, float]:
 def pick(tracks: Sequence[Track], an_outcome: int = 2) -> list[Track]:
     """The first `an_outcome` episodes of each outcome: nobody chose them for their looks."""
     return [
-        track
-        for outcome in Outcome
-        for track in [t for t in tracks if t.outcome is outcome][:an_outcome]
+        track for outcome in Outcome for track in [t for t in tracks if t.outcome is outcome][:an_outcome]
     ]
 
 
