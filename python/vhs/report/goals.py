@@ -109,8 +109,8 @@ def prototype_section(goals: StoredGoals | None, why: str) -> Section:
         )
         rows.append(_class_row(label, "", pictures))
     lead = (
-        "Left: the prototype through a small decoder that was trained on the stored images for this page. Right: "
-        "the stored images whose features are nearest to it, of whatever class, with the cosine between the two."
+        "Left: the prototype through a small decoder that was trained on the stored images for this page. "
+        "Right: the stored images whose features are nearest to it, of whatever class, with the cosine."
     )
     return Section("prototypes", title, f'<div class="card">{"".join(rows)}</div>', lead)
 
