@@ -20,6 +20,7 @@ def run_of(*points: tuple[int, float]) -> Run:
 def test_ticks_are_round_and_cover_the_range() -> None:
     assert nice_ticks(0, 1) == [0, 0.2, 0.4, 0.6, 0.8, 1.0]
     assert nice_ticks(0, 116_000, 3) == [0, 50_000, 100_000]
+    assert nice_ticks(0, 10, 4) == [0, 5, 10]
     assert nice_ticks(-0.3, 0.3)[0] <= -0.3
 
 

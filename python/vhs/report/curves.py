@@ -58,8 +58,9 @@ def _success_card(task: str, members: Sequence[Group]) -> list[str]:
     if not lines:
         return []
     marks = tuple((f"paper {name}", rate) for name, rate in PAPER_SUCCESS.get(task, {}).items())
-    axes = Axes(f"{task}: success over training", is_share=True, marks=marks)
-    return [card(f"{task}: success", line_chart(axes, lines), _smoothing_note(members))]
+    axes = Axes(f"{task}: success over training", is_share=True, has_labels=False, marks=marks)
+    names = _legend(members) if len(members) > 1 else ""
+    return [card(f"{task}: success", names + line_chart(axes, lines), _note(lines))]
 
 
 def _outcome_card(group: Group) -> list[str]:
@@ -103,18 +104,16 @@ def _small_charts(groups: Sequence[Group], keys: dict[str, str]) -> str:
         for key, title in keys.items():
             lines = _lines(members, key)
             if lines:
-                unnamed = [Line("", li.colour, li.x, li.y, li.low, li.high, li.raw) for li in lines]
-                axes = Axes(f"{task}: {title}", width=340, height=210)
-                cards.append(card(title, _nameless(axes, lines, unnamed), ""))
+                axes = Axes(f"{task}: {title}", width=340, height=210, has_labels=False)
+                cards.append(card(title, line_chart(axes, lines), ""))
         if cards:
-            names = [(group.label, colour_of(index)) for index, group in enumerate(members)]
-            head = f"<h3>{escape(task)}</h3>{legend(names)}" if len(groups) > 1 else ""
+            head = f"<h3>{escape(task)}</h3>{_legend(members)}" if len(groups) > 1 else ""
             parts.append(f'{head}<div class="grid small">{"".join(cards)}</div>')
     return "".join(parts) or missing("no log holds any of these")
 
 
-def _nameless(axes: Axes, lines: Sequence[Line], unnamed: Sequence[Line]) -> str:
-    return line_chart(axes, lines if len(lines) == 1 else unnamed)
+def _legend(members: Sequence[Group]) -> str:
+    return legend([(group.label, colour_of(index)) for index, group in enumerate(members)])
 
 
 def _lines(groups: Sequence[Group], key: str) -> list[Line]:
@@ -144,6 +143,10 @@ def _series(rows: Sequence[dict[str, object]], key: str) -> tuple[FloatArray, Fl
     if not points:
         return None
     x, y = np.array(points, dtype=np.float64).T
+    spans = np.diff(x, prepend=0.0)
+    if len(x) > 2 and spans[-1] < np.median(spans) / 2:
+        # A stopped run logs what was left: a rate over a few episodes, whose noise would end the curve.
+        return x[:-1], y[:-1]
     return x, y
 
 
@@ -159,10 +162,12 @@ def _smooth(values: FloatArray) -> FloatArray:
     return smooth
 
 
-def _smoothing_note(groups: Sequence[Group]) -> str:
-    bands = any(len(group.runs) > 1 for group in groups)
-    note = "Mean and standard deviation over seeds" if bands else "One seed: no band"
-    return f"{note}. Actions sampled. Dotted: final rates in the paper. Thin: before smoothing."
+def _note(lines: Sequence[Line]) -> str:
+    """How to read a chart of success."""
+    bands = any(line.low is not None for line in lines)
+    note = "Mean and standard deviation over seeds." if bands else "One seed: no band."
+    thin = " Thin: before smoothing." if any(line.raw is not None for line in lines) else ""
+    return f"{note} Actions sampled. Dotted: final rates in the paper.{thin}"
 
 
 def _seeds(group: Group) -> str:

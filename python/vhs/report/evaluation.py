@@ -33,7 +33,9 @@ def confusion_section(tracks: Sequence[Track], why: str) -> Section:
     if wrong:
         note += f" In {wrong} the right object got the wrong interaction."
     steps_note = "One dot an episode; on the dotted line no way is shorter."
-    cards = card("Episodes by object", _matrix(tracks), note) + card("Steps", _steps(tracks), steps_note)
+    cards = card("Episodes by object", _matrix(tracks), note) + card(
+        "Steps taken and steps needed", _steps(tracks), steps_note
+    )
     lead = "Rooms that training never saw. The agent itself never learns what it reached."
     return Section("confusion", title, f'<div class="grid">{cards}</div>', lead)
 
@@ -42,7 +44,10 @@ def episode_section(tracks: Sequence[Track], why: str) -> Section:
     """Episodes from above beside their film strips."""
     if not tracks:
         return Section("episodes", "Episodes", missing(why))
-    return Section("episodes", "Episodes", "".join(_episode(track) for track in pick(tracks)), _LEAD)
+    absent = [o.name.lower() for o in Outcome if all(track.outcome is not o for track in tracks)]
+    none = f" None of {len(tracks)} episodes ended in {' or '.join(absent)}." if absent else ""
+    body = "".join(_episode(track) for track in pick(tracks))
+    return Section("episodes", "Episodes", body, _LEAD + none)
 
 
 def _matrix(tracks: Sequence[Track]) -> str:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-LETTER_PX = 8.4
+LETTER_PX = 9.6
 """Width of a letter at the largest size that the style sheet gives; to leave room for labels."""
 _LINE_PX = 17
 _HOVERED = 60
@@ -51,6 +51,8 @@ class Axes:
     """Values are shares: the axis goes from 0 to 100 %."""
     width: int = 460
     height: int = 300
+    has_labels: bool = True
+    """Curves are named at their right end; a legend does it otherwise."""
     marks: tuple[tuple[str, float], ...] = ()
     """Horizontal reference lines: text and value."""
 
@@ -61,7 +63,8 @@ class Frame:
     def __init__(self, axes: Axes, lines: Sequence[Line]) -> None:
         """Fit the data; at least one line has a point."""
         self.axes = axes
-        names = [line.label for line in lines if len(lines) > 1] + [text for text, _ in axes.marks]
+        self.named = lines if axes.has_labels and len(lines) > 1 else ()
+        names = [line.label for line in self.named] + [text for text, _ in axes.marks]
         self.left, self.top, self.bottom = 50, 12, axes.height - 46
         self.right = axes.width - max(14, *(14 + LETTER_PX * len(name) for name in names), 14)
         self.x_max = max(float(line.x.max()) for line in lines)
@@ -92,7 +95,7 @@ class Frame:
             parts.append(
                 f'<text class="tick" x="{self.left - 7}" y="{y + 4:.1f}" text-anchor="end">{text}</text>'
             )
-        for tick in nice_ticks(0, self.x_max, 3):
+        for tick in nice_ticks(0, self.x_max, 4):
             x = self.x(tick)
             place = f'x="{x:.1f}" y="{self.bottom + 19}" text-anchor="middle"'
             parts.append(f'<text class="tick" {place}>{compact(tick)}</text>')
@@ -116,7 +119,7 @@ def line_chart(axes: Axes, lines: Sequence[Line]) -> str:
     parts += [_band(frame, line) for line in lines]
     parts += [_curve(frame, line) for line in lines]
     parts += [_hover(frame, line) for line in lines]
-    parts.append(_end_labels(frame, lines))
+    parts.append(_end_labels(frame))
     return svg(axes.width, axes.height, axes.title, "".join(parts))
 
 
@@ -133,7 +136,7 @@ def nice_ticks(low: float, high: float, count: int = 5) -> list[float]:
     span = max(high - low, 1e-9)
     raw = span / count
     power = 10.0 ** math.floor(math.log10(raw))
-    step = next(power * factor for factor in (1, 2, 2.5, 5, 10) if power * factor >= raw * 0.999)
+    step = next(power * factor for factor in (1, 2, 5, 10) if power * factor >= raw * 0.999)
     first = math.floor(low / step + 1e-9)
     last = math.floor(high / step + 1e-9)
     return [round(step * index, 12) for index in range(first, last + 1)]
@@ -192,14 +195,12 @@ def _hover(frame: Frame, line: Line) -> str:
     return "".join(parts)
 
 
-def _end_labels(frame: Frame, lines: Sequence[Line]) -> str:
-    """Names beside the ends of the curves and marks, moved apart where they would overlap."""
+def _end_labels(frame: Frame) -> str:
+    """Names beside the ends of curves and marks, moved apart where they would overlap."""
     named = [(frame.y(value), text, "mark-label", "") for text, value in frame.axes.marks]
-    if len(lines) > 1:
-        named += [
-            (frame.y(float(np.clip(line.y[-1], frame.low, frame.high))), line.label, "label", line.colour)
-            for line in lines
-        ]
+    for line in frame.named:
+        end = float(np.clip(line.y[-1], frame.low, frame.high))
+        named.append((frame.y(end), line.label, "label", line.colour))
     named.sort()
     places = spread([place for place, *_ in named], _LINE_PX, frame.bottom)
     left = f"{frame.right + 8:.1f}"
