@@ -23,7 +23,7 @@ from vhs.report.tracks import Track, play_tracks, success_and_spl, wilson_interv
 class _Subject:
     """The run whose agent is looked at."""
 
-    run: Run | None
+    run: Run
     agent: TrainedAgent | None
     why: str
     """Why there is no agent."""
@@ -55,8 +55,8 @@ def report(path: Path, out: Path | None = None, *, episodes: int = 100, seed: in
     subject = _subject(runs, episodes, seed)
     text = page(
         _title(groups),
-        _subtitle(runs, groups, subject),
-        _tiles(runs, subject),
+        _subtitle(runs, subject),
+        _tiles(subject),
         _sections(runs, groups, subject),
         _foot(),
     )
@@ -96,7 +96,8 @@ def _temporary(out: Path) -> Path:
 def _subject(runs: Sequence[Run], episodes: int, seed: int) -> _Subject:
     candidates = sorted((run for run in runs if run.has_checkpoint), key=lambda run: -run.final_success)
     if not candidates:
-        return _Subject(next((run for run in runs if run.config), None), None, "no run has a checkpoint", ())
+        best = max(runs, key=lambda run: run.final_success)
+        return _Subject(best, None, "no run has a checkpoint", ())
     run = candidates[0]
     try:
         agent = load_agent(run.path)
@@ -128,20 +129,21 @@ def _title(groups: Sequence[Group]) -> str:
     return f"{len(groups)} methods on {', '.join(tasks)}"
 
 
-def _subtitle(runs: Sequence[Run], groups: Sequence[Group], subject: _Subject) -> str:
+def _subtitle(runs: Sequence[Run], subject: _Subject) -> str:
     text = f"{len(runs)} run{'s' if len(runs) > 1 else ''}"
     if len(runs) == 1:
         text += ", one seed: curves have no band"
-    if subject.agent is not None and subject.run is not None:
-        text += f". Episodes, goals and features are those of {subject.run.name}"
+    if subject.agent is not None:
+        text += f". Numbers, episodes, goals and features: {subject.run.name}"
         text += f" after {subject.agent.episodes:,} episodes of training"
-        text += ", the run with the best success that has a checkpoint." if len(runs) > 1 else "."
-    elif subject.why:
-        text += f". No agent to look at: {subject.why}."
-    return text
+        text += ", the run with the best success that has a checkpoint" if len(runs) > 1 else ""
+    else:
+        text += f". Numbers: {subject.run.name}, the best" if len(runs) > 1 else ""
+        text += f". No agent to look at: {subject.why}"
+    return f"{text}."
 
 
-def _tiles(runs: Sequence[Run], subject: _Subject) -> list[tuple[str, str]]:
+def _tiles(subject: _Subject) -> list[tuple[str, str]]:
     """The numbers that somebody wants first."""
     tiles = []
     if subject.tracks:
@@ -150,7 +152,7 @@ def _tiles(runs: Sequence[Run], subject: _Subject) -> list[tuple[str, str]]:
         interval = f"95 %: {100 * low:.0f} to {100 * high:.0f} %"
         text = f"success in {len(subject.tracks)} evaluation episodes ({interval})"
         tiles += [(f"{success:.1%}", text), (f"{spl:.2f}", "SPL: success weighted by shortest / taken steps")]
-    rows = subject.run.rows if subject.run is not None else next((r.rows for r in runs if r.rows), ())
+    rows = subject.run.rows
     if rows:
         tiles.append((f"{final_mean(rows, 'rate/success'):.1%}", "success over the last tenth of training"))
         tiles.append((f"{rows[-1]['episodes']:,}", "episodes of training"))

@@ -109,8 +109,9 @@ def prototype_section(goals: StoredGoals | None, why: str) -> Section:
         )
         rows.append(_class_row(label, "", pictures))
     lead = (
-        "Left: the prototype through a small decoder that was trained on the stored images for this page. "
-        "Right: the stored images whose features are nearest to it, of whatever class, with the cosine."
+        "Left: the prototype through a small decoder, trained on the stored images for this page with most "
+        "weight on what stands out of their mean. Right: the stored images whose features are nearest to it, "
+        "of whatever class, with the cosine."
     )
     return Section("prototypes", title, f'<div class="card">{"".join(rows)}</div>', lead)
 

@@ -10,16 +10,16 @@ from vhs.report.page import Section, missing, table
 from vhs.report.runs import Run, flatten
 
 
-def setup_section(runs: Sequence[Run], shown: Run | None) -> Section:
+def setup_section(runs: Sequence[Run], shown: Run) -> Section:
     """What made the runs."""
     parts = [_provenance(runs), _notes(runs)]
-    if shown is not None and shown.config is not None:
+    if shown.config is not None:
         parts.append(_departures(shown.config))
         text = escape(dump_config(shown.config))
         head = f"<summary>Resolved configuration of {escape(shown.name)}</summary>"
         parts.append(f'<div class="card setup"><details>{head}<pre>{text}</pre></details></div>')
     else:
-        parts.append(missing("no run has a readable configuration"))
+        parts.append(missing(f"{shown.name} has no readable configuration"))
     return Section("setup", "What made this", "".join(parts))
 
 
