@@ -122,7 +122,9 @@ def test_damaged_parts_are_named_and_the_rest_is_shown(runs: Path, tmp_path: Pat
     run = tmp_path / "run"
     shutil.copytree(runs / "seed0", run)
     lines = (run / "log.jsonl").read_text().splitlines()
-    (run / "log.jsonl").write_text("\n".join([lines[0], "{damaged", "7", lines[1]]))
+    (run / "log.jsonl").write_text(
+        "\n".join([lines[0], "{damaged", '{"episodes": 60, "rate/success": null}', lines[1]])
+    )
     (run / "run.json").write_text("{")
     next(run.glob("checkpoints/*/goals.vhs")).write_bytes(b"short")
     page = parse(report(run, tmp_path / "page.html"))

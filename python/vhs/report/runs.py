@@ -160,7 +160,10 @@ def _rows(path: Path, notes: list[str]) -> tuple[Row, ...]:
     for number, line in enumerate(text.splitlines(), start=1):
         try:
             row = json.loads(line)
-            rows.append({key: row[key] for key in ("episodes", "rate/success")} | row)
+            # What every curve needs: a row without it is as good as damaged.
+            if not (row["episodes"] > 0 and 0 <= row["rate/success"] <= 1):
+                raise ValueError(line)
+            rows.append(row)
         except (ValueError, KeyError, TypeError):
             notes.append(f"{LOG_NAME}: line {number} is damaged and was left out")
     if not rows:
