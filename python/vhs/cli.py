@@ -1,4 +1,4 @@
-"""The command line: ``vhs train``, ``vhs eval`` and ``vhs export``.
+"""The command line: ``vhs train``, ``eval``, ``export``, ``sweep``, ``compare``, ``play`` and ``report``.
 
 Heavy imports wait until a command needs them, so that ``vhs --help`` answers at once.
 """
@@ -22,8 +22,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] == "vhs":
             raise
-        extra = "report" if error.name == "rliable" else "train"
-        print(f"vhs: {error.name} is not installed; pip install 'vhs[{extra}]'", file=sys.stderr)
+        print(f"vhs: {error.name} is not installed; pip install 'vhs[{options.extra}]'", file=sys.stderr)
         return 1
     except VhsError as error:
         print(f"vhs: {error}", file=sys.stderr)
@@ -35,6 +34,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="vhs", description="Hindsight goals for reinforcement learning from images."
     )
+    parser.set_defaults(extra="train")
     parser.add_argument("--version", action="version", version=f"vhs {__version__}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_train(commands.add_parser("train", help="train an agent, or resume its training"))
@@ -44,6 +44,8 @@ def _parser() -> argparse.ArgumentParser:
     )
     _add_sweep(commands.add_parser("sweep", help="train and evaluate a grid of configurations and seeds"))
     _add_compare(commands.add_parser("compare", help="compare trained agents over their seeds"))
+    _add_play(commands.add_parser("play", help="watch a trained agent, or drive the robot"))
+    _add_report(commands.add_parser("report", help="write a page about a run, or about several"))
     return parser
 
 
@@ -112,7 +114,37 @@ def _add_compare(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="where compare.md, .csv and .json go (default: runs/compare)",
     )
-    parser.set_defaults(run=_compare)
+    parser.set_defaults(run=_compare, extra="report")
+
+
+def _add_play(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("run_directory", type=Path, metavar="RUN", help="directory of a run")
+    parser.add_argument(
+        "--episodes", type=_positive, default=3, metavar="N", help="episodes to play (default: 3)"
+    )
+    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="which rooms (default: 0)")
+    parser.add_argument("--greedy", action="store_true", help="take the likeliest action instead of sampling")
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="film to write, .gif or .mp4 (default: open a window)"
+    )
+    parser.add_argument(
+        "--human", action="store_true", help="drive the robot: arrow keys, 1 to 3 or space interact"
+    )
+    parser.set_defaults(run=_play, extra="report")
+
+
+def _add_report(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "path", type=Path, metavar="RUN-OR-DIRECTORY", help="a run, or a directory that holds some"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="HTML file (default: report.html in the directory)"
+    )
+    parser.add_argument(
+        "--episodes", type=_positive, default=100, metavar="N", help="episodes to evaluate (default: 100)"
+    )
+    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="which rooms (default: 0)")
+    parser.set_defaults(run=_report, extra="report")
 
 
 def _train(options: argparse.Namespace) -> int:
@@ -180,6 +212,28 @@ def _share(text: str) -> float:
     if not 0 < number <= 1:
         raise argparse.ArgumentTypeError(f"expected a share above 0 and up to 1, found {text}")
     return number
+
+
+def _play(options: argparse.Namespace) -> int:
+    from vhs.play import play
+
+    done = play(
+        options.run_directory,
+        episodes=options.episodes,
+        seed=options.seed,
+        greedy=options.greedy,
+        out=options.out,
+        is_human=options.human,
+    )
+    print(done)
+    return 0
+
+
+def _report(options: argparse.Namespace) -> int:
+    from vhs.report import report
+
+    print(report(options.path, options.out, episodes=options.episodes, seed=options.seed))
+    return 0
 
 
 def _positive(text: str) -> int:

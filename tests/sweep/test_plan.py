@@ -2,18 +2,16 @@
 
 import re
 from pathlib import Path
-from typing import get_args
 
 import pytest
 
 from vhs.cli import _parser
-from vhs.config import MethodSection, load_config
+from vhs.config import load_config
 from vhs.errors import ConfigError
 from vhs.sweep.plan import PlannedRun, plan_runs, read_sweep
 
 SWEEPS = Path(__file__).parents[2] / "configs" / "sweeps"
 METHODS = {"a3c", "gdan", "gcsl", "pg", "vhs"}
-HAS_BASELINES = set(get_args(MethodSection.model_fields["name"].annotation)) >= METHODS
 
 
 def plan(root: Path, text: str, cores_per_run: int = 1) -> list[PlannedRun]:

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from vhs import Outcome
 from vhs.config import Config
 from vhs.envs import optimal_steps
-from vhs.train.actor import Actor
 from vhs.train.build import make_buffer, make_envs
 from vhs.train.log import summarise
 from vhs.train.rollout import EndedEpisode, Rollout, episode_seeds
@@ -94,8 +93,7 @@ def _play(trained: TrainedAgent, *, episodes: int, seed: int, greedy: bool) -> l
     """Run every episode once; their order does not matter to any mean."""
     config, learner = trained.config, trained.learner
     envs = make_envs(config, min(config.env.num_envs, episodes))
-    generator = torch.Generator().manual_seed(seed)
-    actor = Actor(learner.agent, len(envs), dtype=learner.dtype, generator=generator, greedy=greedy)
+    actor = trained.actor(seed, greedy, len(envs))
     buffer = make_buffer(config, envs[0], len(envs), len(envs))
     seeds = islice(episode_seeds(seed, purpose=1), episodes)
     rollout = Rollout(LocalRooms(envs), len(envs), actor, buffer, learner.embed_goal, seeds)

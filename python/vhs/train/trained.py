@@ -6,8 +6,11 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+import torch
+
 from vhs.algorithms import VHS
 from vhs.config import Config
+from vhs.train.actor import Actor
 from vhs.train.build import check_runnable, make_envs, make_learner
 from vhs.train.checkpoint import fitting, load_checkpoint
 from vhs.train.directory import AGENT_NAME, is_exported, read_config
@@ -22,6 +25,12 @@ class TrainedAgent:
     learner: VHS
     """Of an exported agent, goal store and optimiser are those of a learner at its beginning."""
     trained_episodes: int
+
+    def actor(self, seed: int, greedy: bool, num_streams: int = 1) -> Actor:
+        """An actor whose samples depend on the seed alone."""
+        generator = torch.Generator().manual_seed(seed)
+        learner = self.learner
+        return Actor(learner.agent, num_streams, dtype=learner.dtype, generator=generator, greedy=greedy)
 
 
 def load_agent(path: Path) -> TrainedAgent:

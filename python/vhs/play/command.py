@@ -1,0 +1,112 @@
+"""What `vhs play` does: a film, a window, or a person at the keys."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vhs.errors import OutputError
+from vhs.play.episode import Moment, run_episode
+from vhs.play.film import check_film_path, write_film
+from vhs.play.picture import draw
+from vhs.play.room import make_room
+from vhs.train.build import check_runnable
+from vhs.train.directory import read_config
+from vhs.train.rollout import episode_seeds
+from vhs.train.trained import TrainedAgent, load_agent
+
+if TYPE_CHECKING:
+    from vhs.play.window import Window
+
+FPS = 3
+"""Steps a second: slow enough to read the action."""
+
+
+def play(
+    run: Path,
+    *,
+    episodes: int = 3,
+    seed: int = 0,
+    greedy: bool = False,
+    out: Path | None = None,
+    is_human: bool = False,
+) -> str:
+    """Show episodes of a run's task, in the rooms that `vhs eval` takes for the same seed.
+
+    Args:
+        run: directory of the run; with `is_human` it needs no checkpoint.
+        episodes: how many.
+        seed: which rooms, and which samples of the policy.
+        greedy: take the likeliest action instead of sampling.
+        out: GIF or MP4 to write; None opens a window.
+        is_human: a person acts.
+
+    Returns:
+        What happened, in a sentence.
+
+    Raises:
+        CheckpointError: the run or its checkpoint is missing or damaged.
+        OutputError: no display, a film that cannot be written, or a film of a person.
+    """
+    if is_human and out is not None:
+        raise OutputError("--human: expected a window, found --out; leave one of them out")
+    if out is not None:
+        check_film_path(out)
+    seeds = islice(episode_seeds(seed, purpose=1), episodes)
+    if is_human:
+        return _drive(run, seeds)
+    moments = _moments(load_agent(run), seeds, seed, greedy)
+    return _show(run, moments) if out is None else _film(out, moments)
+
+
+def _moments(agent: TrainedAgent, seeds: Iterator[int], seed: int, greedy: bool) -> Iterator[Moment]:
+    room, actor = make_room(agent.config, is_drawn=True), agent.actor(seed, greedy)
+    for episode_seed in seeds:
+        yield from run_episode(agent, actor, room, episode_seed)
+
+
+def _film(out: Path, moments: Iterator[Moment]) -> str:
+    pictures, outcomes = [], []
+    for moment in moments:
+        pictures.append(draw(moment))
+        outcomes.append(moment.outcome)
+    write_film(out, pictures, [outcome is not None for outcome in outcomes], FPS)
+    ended = ", ".join(outcome.name.lower() for outcome in outcomes if outcome is not None)
+    return f"{out}: {len(pictures)} frames; {ended}"
+
+
+def _show(run: Path, moments: Iterator[Moment]) -> str:
+    from vhs.play.driver import show
+
+    show(_open_window(f"{run} - space pauses, q quits"), moments, FPS)
+    return f"{run}: window closed"
+
+
+def _drive(run: Path, seeds: Iterator[int]) -> str:
+    config = read_config(run)
+    check_runnable(config)
+    room = make_room(config, is_drawn=True)
+    count = room.task.interactions
+    interact = {0: "", 1: ", space interacts"}.get(count, f", 1 to {count} interact")
+    window = _open_window(f"arrow keys move{interact}, Return: next episode, q quits")
+    from vhs.play.driver import Person
+
+    person = Person(window, room, seeds)
+    window.run()
+    ended = ", ".join(outcome.name.lower() for outcome in person.outcomes) or "none"
+    return f"episodes that ended: {ended}"
+
+
+def _open_window(title: str) -> Window:
+    """A window, or a sentence that says what is missing for one."""
+    try:
+        from vhs.play.window import Window
+    except ImportError as error:  # Linux distributions split tkinter off their Python
+        raise OutputError(
+            f"a window needs tkinter, which this Python ({sys.executable}) lacks: on Debian or Ubuntu "
+            "apt-get install python3-tk; a film needs none: --out FILE.gif"
+        ) from error
+    return Window(title)

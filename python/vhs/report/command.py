@@ -1,0 +1,169 @@
+"""What `vhs report` does: read runs, look at one agent, write one page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from vhs import VhsError, __version__
+from vhs.errors import OutputError
+from vhs.report.curves import cost_section, curve_section, loss_section
+from vhs.report.evaluation import confusion_section, episode_section
+from vhs.report.goals import feature_section, look_at_goals, prototype_section, store_section
+from vhs.report.page import Section, page
+from vhs.report.runs import Group, Run, final_mean, find_runs, group_runs
+from vhs.report.setup import setup_section
+from vhs.report.tracks import Track, play_tracks, success_and_spl, wilson_interval
+from vhs.train.trained import TrainedAgent, load_agent
+
+
+@dataclass(frozen=True, slots=True)
+class _Subject:
+    """The run whose agent is looked at."""
+
+    run: Run
+    agent: TrainedAgent | None
+    why: str
+    """Why there is no agent."""
+    tracks: Sequence[Track]
+
+
+def report(path: Path, out: Path | None = None, *, episodes: int = 100, seed: int = 0) -> Path:
+    """Write a page about a run, or about every run below a directory.
+
+    The agent of one run is looked at closely: the one with a checkpoint and the best success.
+
+    Args:
+        path: a run, or a directory that holds some.
+        out: HTML file; `report.html` in `path` when None.
+        episodes: evaluation episodes that are played for the page.
+        seed: which rooms they are in.
+
+    Returns:
+        Where the page is.
+
+    Raises:
+        CheckpointError: there is no run.
+        OutputError: the page cannot be written; nothing was.
+    """
+    out = path / "report.html" if out is None else out
+    runs = find_runs(path)
+    _check_writable(out)
+    groups = group_runs(runs)
+    subject = _subject(runs, episodes, seed)
+    text = page(
+        _title(groups),
+        _subtitle(runs, subject),
+        _tiles(subject),
+        _sections(runs, groups, subject),
+        _foot(),
+    )
+    _write(out, text)
+    return out
+
+
+def _check_writable(out: Path) -> None:
+    """Refuse before a minute of work what would fail after it."""
+    if out.is_dir():
+        raise OutputError(f"{out}: expected the name of an HTML file, found a directory")
+    if not out.absolute().parent.is_dir():
+        raise OutputError(f"{out}: expected an existing folder, found none: {out.absolute().parent}")
+    temporary = _temporary(out)
+    try:
+        temporary.touch()
+        temporary.unlink()
+    except OSError as error:
+        raise OutputError(f"{out}: cannot write the page: {error.strerror}") from error
+
+
+def _write(out: Path, text: str) -> None:
+    temporary = _temporary(out)
+    try:
+        temporary.write_text(text, encoding="utf-8")
+        temporary.replace(out)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot write the page: {error.strerror}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _temporary(out: Path) -> Path:
+    return out.with_name(f".partial-{out.name}")
+
+
+def _subject(runs: Sequence[Run], episodes: int, seed: int) -> _Subject:
+    candidates = sorted((run for run in runs if run.has_checkpoint), key=lambda run: -run.final_success)
+    if not candidates:
+        best = max(runs, key=lambda run: run.final_success)
+        return _Subject(best, None, "no run has a checkpoint", ())
+    run = candidates[0]
+    try:
+        agent = load_agent(run.path)
+        return _Subject(run, agent, "", play_tracks(agent, episodes, seed))
+    except VhsError as error:
+        return _Subject(run, None, str(error), ())
+
+
+def _sections(runs: Sequence[Run], groups: Sequence[Group], subject: _Subject) -> list[Section]:
+    goals = None if subject.agent is None else look_at_goals(subject.agent)
+    why = subject.why or "the goal store is empty: no episode of this run has succeeded yet"
+    return [
+        curve_section(groups),
+        confusion_section(subject.tracks, subject.why),
+        episode_section(subject.tracks, subject.why),
+        store_section(goals, why),
+        prototype_section(goals, why),
+        feature_section(goals, why),
+        loss_section(groups),
+        cost_section(groups),
+        setup_section(runs, subject.run),
+    ]
+
+
+def _title(groups: Sequence[Group]) -> str:
+    if len(groups) == 1:
+        return f"{groups[0].task}: {groups[0].label}"
+    tasks = list(dict.fromkeys(group.task for group in groups))
+    return f"{len(groups)} methods on {', '.join(tasks)}"
+
+
+def _subtitle(runs: Sequence[Run], subject: _Subject) -> str:
+    text = f"{len(runs)} run{'s' if len(runs) > 1 else ''}"
+    if len(runs) == 1:
+        text += ", one seed: curves have no band"
+    if subject.agent is not None:
+        text += f". Numbers, episodes, goals and features: {subject.run.name}"
+        text += f" after {subject.agent.trained_episodes:,} episodes of training"
+        text += ", the run with the best success that has a checkpoint" if len(runs) > 1 else ""
+    else:
+        text += f". Numbers: {subject.run.name}, the best" if len(runs) > 1 else ""
+        text += f". No agent to look at: {subject.why}"
+    return f"{text}."
+
+
+def _tiles(subject: _Subject) -> list[tuple[str, str]]:
+    """The numbers that somebody wants first."""
+    tiles = []
+    if subject.tracks:
+        success, spl = success_and_spl(subject.tracks)
+        low, high = wilson_interval(success, len(subject.tracks))
+        interval = f"95 %: {100 * low:.0f} to {100 * high:.0f} %"
+        text = f"success in {len(subject.tracks)} evaluation episodes ({interval})"
+        tiles += [(f"{success:.1%}", text), (f"{spl:.2f}", "SPL: success weighted by shortest / taken steps")]
+    rows = subject.run.rows
+    if rows:
+        tiles.append((f"{final_mean(rows, 'rate/success'):.1%}", "success over the last tenth of training"))
+        tiles.append((f"{rows[-1]['episodes']:,}", "episodes of training"))
+    if rows and "time/minutes" in rows[-1]:
+        tiles.append((f"{rows[-1]['time/minutes']:.0f} min", "of training"))
+    if rows and "env_steps" in rows[-1]:
+        speed = rows[-1]["env_steps"] / max(60 * rows[-1].get("time/minutes", 0.0), 1e-9)
+        tiles.append((f"{speed:.0f}", "environment steps a second"))
+    return tiles
+
+
+def _foot() -> str:
+    now = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
+    return f"Written by vhs {__version__}, {now}. One file, nothing loaded from elsewhere."

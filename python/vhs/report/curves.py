@@ -1,0 +1,194 @@
+"""Sections about training: success, outcomes, losses, speed.
+
+A curve is the mean over seeds, its band one standard deviation; of one seed there is no band.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from xml.sax.saxutils import escape
+
+import numpy as np
+
+from vhs.report.page import Section, card, legend, missing, table
+from vhs.report.runs import Group, final_mean
+from vhs.report.svg import Axes, FloatArray, Line, line_chart
+
+PAPER_SUCCESS = {
+    "Task 1": {"VHS": 0.914, "GDAN": 0.872},
+    "Task 2": {"VHS": 0.920, "GDAN": 0.743},
+    "Task 3": {"VHS": 0.895, "GDAN": 0.133},
+}
+"""Final success in the paper's table, of its method and of its strongest baseline from elsewhere."""
+
+OUTCOMES = {"success": "var(--success)", "failure": "var(--failure)", "timeout": "var(--timeout)"}
+
+LOSSES = {
+    "loss/entropy": "entropy of the policy (nats)",
+    "loss/policy": "policy loss",
+    "loss/value": "value loss",
+    "loss/supcon": "SupCon loss",
+    "loss/imitation_policy": "imitation loss, policy",
+    "loss/imitation_value": "imitation loss, value",
+    "loss/grad_norm": "gradient norm before clipping",
+    "loss/relabelled": "share of relabelled episodes",
+}
+COSTS = {
+    "rate/steps": "steps an episode",
+    "rate/return": "return (undiscounted)",
+    "speed/steps_per_s": "environment steps a second",
+    "time/minutes": "minutes since the start",
+}
+_SMOOTHED_SHARE = 40
+"""A curve is smoothed over a 40th of its rows: enough to see the trend, too little to move it."""
+
+
+def curve_section(groups: Sequence[Group]) -> Section:
+    """Success over training, a chart a task, then how episodes end, a chart a group."""
+    cards = [chart for task, members in by_task(groups) for chart in _success_card(task, members)]
+    cards += [chart for group in groups for chart in _outcome_card(group)]
+    if not cards:
+        return Section("curves", "Learning curves", missing("no log with a row in it"))
+    body = f'<div class="grid">{"".join(cards)}</div>'
+    return Section("curves", "Learning curves", (_results(groups) if len(groups) > 1 else "") + body)
+
+
+def _success_card(task: str, members: Sequence[Group]) -> list[str]:
+    lines = _lines(members, "rate/success")
+    if not lines:
+        return []
+    marks = tuple((f"paper {name}", rate) for name, rate in PAPER_SUCCESS.get(task, {}).items())
+    axes = Axes(f"{task}: success over training", is_share=True, has_labels=False, marks=marks)
+    names = _legend(members) if len(members) > 1 else ""
+    return [card(f"{task}: success", names + line_chart(axes, lines), _note(lines))]
+
+
+def _outcome_card(group: Group) -> list[str]:
+    lines = [
+        line
+        for outcome, colour in OUTCOMES.items()
+        if (line := _line(group, f"rate/{outcome}", outcome, colour)) is not None
+    ]
+    if not lines:
+        return []
+    axes = Axes(f"{group.task}, {group.label}: outcomes over training", is_share=True)
+    return [card(f"{group.task}: how episodes end, {group.label}", line_chart(axes, lines), _seeds(group))]
+
+
+def loss_section(groups: Sequence[Group]) -> Section:
+    """Losses and entropy."""
+    return Section("losses", "Losses and entropy", _small_charts(groups, LOSSES))
+
+
+def cost_section(groups: Sequence[Group]) -> Section:
+    """Steps, returns and speed."""
+    return Section("speed", "Steps and speed", _small_charts(groups, COSTS))
+
+
+def by_task(groups: Sequence[Group]) -> Iterator[tuple[str, list[Group]]]:
+    """Groups of each task."""
+    for task in dict.fromkeys(group.task for group in groups):
+        yield task, [group for group in groups if group.task == task]
+
+
+def colour_of(index: int) -> str:
+    """The colour of a group; they repeat after eight."""
+    return f"var(--c{index % 8})"
+
+
+def _small_charts(groups: Sequence[Group], keys: dict[str, str]) -> str:
+    """A small chart a key and task, with one legend a task."""
+    parts = []
+    for task, members in by_task(groups):
+        cards = []
+        for key, title in keys.items():
+            lines = _lines(members, key)
+            if lines:
+                axes = Axes(f"{task}: {title}", width=340, height=210, has_labels=False)
+                cards.append(card(title, line_chart(axes, lines), ""))
+        if cards:
+            head = f"<h3>{escape(task)}</h3>{_legend(members)}" if len(groups) > 1 else ""
+            parts.append(f'{head}<div class="grid small">{"".join(cards)}</div>')
+    return "".join(parts) or missing("no log holds any of these")
+
+
+def _legend(members: Sequence[Group]) -> str:
+    return legend([(group.label, colour_of(index)) for index, group in enumerate(members)])
+
+
+def _lines(groups: Sequence[Group], key: str) -> list[Line]:
+    found = (_line(group, key, group.label, colour_of(index)) for index, group in enumerate(groups))
+    return [line for line in found if line is not None]
+
+
+def _line(group: Group, key: str, label: str, colour: str) -> Line | None:
+    """Mean over the seeds of a group, and the band of one standard deviation where there are several."""
+    curves = [curve for run in group.runs if (curve := _series(run.rows, key)) is not None]
+    if not curves:
+        return None
+    if len(curves) == 1:
+        x, y = curves[0]
+        return Line(label, colour, x, _smooth(y), raw=y if len(y) > _SMOOTHED_SHARE else None)
+    # The coarsest log gives the points; beyond the shortest run a mean would be over other seeds.
+    end = min(x[-1] for x, _ in curves)
+    x = min((x for x, _ in curves), key=len)
+    x = np.unique(np.append(x[x <= end], end))
+    values = np.stack([np.interp(x, *curve) for curve in curves])
+    mean, deviation = _smooth(values.mean(axis=0)), _smooth(values.std(axis=0, ddof=1))
+    return Line(label, colour, x, mean, mean - deviation, mean + deviation)
+
+
+def _series(rows: Sequence[dict[str, object]], key: str) -> tuple[FloatArray, FloatArray] | None:
+    points = [(row["episodes"], row[key]) for row in rows if isinstance(row.get(key), int | float)]
+    if not points:
+        return None
+    x, y = np.array(points, dtype=np.float64).T
+    spans = np.diff(x, prepend=0.0)
+    if len(x) > 2 and spans[-1] < np.median(spans) / 2:
+        # A stopped run logs what was left: a rate over a few episodes, whose noise would end the curve.
+        return x[:-1], y[:-1]
+    return x, y
+
+
+def _smooth(values: FloatArray) -> FloatArray:
+    """Centred moving mean; at the ends over what there is."""
+    half = len(values) // _SMOOTHED_SHARE // 2
+    if half == 0:
+        return values
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    index = np.arange(len(values))
+    low, high = np.maximum(index - half, 0), np.minimum(index + half + 1, len(values))
+    smooth: FloatArray = (sums[high] - sums[low]) / (high - low)
+    return smooth
+
+
+def _note(lines: Sequence[Line]) -> str:
+    """How to read a chart of success."""
+    bands = any(line.low is not None for line in lines)
+    note = "Mean and standard deviation over seeds." if bands else "One seed: no band."
+    thin = " Thin: before smoothing." if any(line.raw is not None for line in lines) else ""
+    return f"{note} Actions sampled. Dotted: final rates in the paper.{thin}"
+
+
+def _seeds(group: Group) -> str:
+    seeds = [str(run.config.seed) for run in group.runs if run.config is not None]
+    return f"seed{'s' if len(seeds) > 1 else ''} {', '.join(seeds)}" if seeds else ""
+
+
+def _results(groups: Sequence[Group]) -> str:
+    """Where each group ended."""
+    rows = []
+    for group in groups:
+        logged = [run for run in group.runs if run.rows]
+        if not logged:
+            continue
+        final = np.array([final_mean(run.rows, "rate/success") for run in logged])
+        spread = f" ± {100 * final.std(ddof=1):.1f}" if len(final) > 1 else " (one seed)"
+        episodes = [run.rows[-1]["episodes"] for run in logged]
+        minutes = [run.rows[-1].get("time/minutes", float("nan")) for run in logged]
+        rows.append(
+            (group.task, group.label, str(len(logged)), f"{min(episodes):,}", f"{np.mean(minutes):.0f}",
+             f"{100 * final.mean():.1f} %{spread}")
+        )  # fmt: skip
+    head = ("task", "method", "seeds", "episodes", "minutes", "success, last tenth")
+    return table(head, rows, numbers_from=2)

@@ -1,0 +1,116 @@
+"""Sections about evaluation episodes: what was reached instead of what, how many steps, and a few in full."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from xml.sax.saxutils import escape
+
+import numpy as np
+
+from vhs import Outcome
+from vhs.envs import OBJECT_NAMES
+from vhs.play.episode import Moment, object_title
+from vhs.report.page import Section, card, figure, legend, missing, shaded
+from vhs.report.room import top_view
+from vhs.report.svg import Axes, Frame, Line, svg
+from vhs.report.tracks import Track, confusion, pick
+
+_LEAD = (
+    "The first two of each outcome. From above: the way the robot took, from the open to the filled arrow, "
+    "larger dots where it stayed longer; dashed, a shortest way; the wedge, its reach at the end; the ring, "
+    "its goal. Beside it: what it saw, what it then did, and the value it expected."
+)
+
+
+def confusion_section(tracks: Sequence[Track], why: str) -> Section:
+    """Asked against reached object, and steps taken against steps needed."""
+    title = "Asked and reached"
+    if not tracks:
+        return Section("confusion", title, missing(why))
+    note = f"{len(tracks)} episodes, actions sampled. None: the time ran out."
+    wrong = sum(t.moments[-1].reached == t.goal and t.outcome is Outcome.FAILURE for t in tracks)
+    if wrong:
+        note += f" In {wrong} the right object got the wrong interaction."
+    steps_note = "One dot an episode; on the dotted line no way is shorter."
+    cards = card("Episodes by object", _matrix(tracks), note) + card(
+        "Steps taken and steps needed", _steps(tracks), steps_note
+    )
+    lead = "Rooms that training never saw. The agent itself never learns what it reached."
+    return Section("confusion", title, f'<div class="grid">{cards}</div>', lead)
+
+
+def episode_section(tracks: Sequence[Track], why: str) -> Section:
+    """Episodes from above beside their film strips."""
+    if not tracks:
+        return Section("episodes", "Episodes", missing(why))
+    absent = [o.name.lower() for o in Outcome if all(track.outcome is not o for track in tracks)]
+    none = f" None of {len(tracks)} episodes ended in {' or '.join(absent)}." if absent else ""
+    body = "".join(_episode(track) for track in pick(tracks))
+    return Section("episodes", "Episodes", body, _LEAD + none)
+
+
+def _matrix(tracks: Sequence[Track]) -> str:
+    """Counts, each row darker where more of its episodes ended."""
+    counts = confusion(tracks)
+    names = [object_title(label) for label in range(len(OBJECT_NAMES))]
+    head = "".join(f"<th>{escape(name)}</th>" for name in [*names, "none"])
+    rows = []
+    for name, row in zip(names, counts.tolist(), strict=True):
+        cells = "".join(shaded(str(count) if count else "·", count / max(sum(row), 1)) for count in row)
+        rows.append(f"<tr><th>{escape(name)}</th>{cells}</tr>")
+    corner = "<th>asked \\ reached</th>"
+    return (
+        f'<div class="scroll"><table class="matrix"><thead><tr>{corner}{head}</tr></thead>'
+        f"<tbody>{''.join(rows)}</tbody></table></div>"
+    )
+
+
+def _steps(tracks: Sequence[Track]) -> str:
+    """Steps of each episode over the length of its shortest way."""
+    points = [(t.optimal_steps, t.steps, t.outcome) for t in tracks if t.optimal_steps is not None]
+    if not points:
+        return missing("no episode has a way to its goal")
+    end = max(x for x, *_ in points) + 1
+    corner = np.array([0.0, end])
+    axes = Axes("steps taken over the shortest way", x_label="steps of a shortest way; upwards: steps taken")
+    top = np.array([0.0, max(y for _, y, _ in points)])
+    frame = Frame(axes, [Line("", "", corner, corner), Line("", "", corner, top)])
+    line = " ".join(f"{frame.x(value):.1f},{frame.y(value):.1f}" for value in (0, end))
+    parts = [frame.grid(), f'<polyline class="mark" points="{line}"/>']
+    for row, (x, y, outcome) in enumerate(points):
+        # Equal pairs would hide each other: they are moved apart, in the same way on every run.
+        radius, angle = 6.5 * math.sqrt((row * 0.618) % 1.0), 2.4 * row
+        a, b = frame.x(x) + radius * math.cos(angle), frame.y(y) + radius * math.sin(angle)
+        parts.append(
+            f'<circle class="dot" cx="{a:.1f}" cy="{b:.1f}" r="3.2" style="fill:{_colour(outcome)}"/>'
+        )
+    names = [(outcome.name.lower(), _colour(outcome)) for outcome in Outcome]
+    return legend(names) + svg(axes.width, axes.height, axes.title, "".join(parts))
+
+
+def _episode(track: Track) -> str:
+    end, outcome = track.moments[-1], track.outcome.name.lower()
+    is_other = end.reached not in (-1, track.goal)
+    reached = f", {object_title(end.reached)} reached" if is_other else ""
+    best = "" if track.optimal_steps is None else f", shortest {track.optimal_steps}"
+    told = f"episode {track.number}, {track.steps} step{'' if track.steps == 1 else 's'}{best}"
+    title = (
+        f'<h3>“{escape(end.instruction)}” — <span class="badge">{outcome}</span>{escape(reached)} '
+        f'<span class="note">· {told}</span></h3>'
+    )
+    strip = "".join(_frame(moment, outcome) for moment in track.moments)
+    return (
+        f'<div class="card" style="--here:{_colour(track.outcome)};margin-top:14px">{title}'
+        f'<div class="episode"><div>{top_view(track)}</div><div class="row">{strip}</div></div></div>'
+    )
+
+
+def _frame(moment: Moment, outcome: str) -> str:
+    if moment.action is None or moment.value is None:
+        return figure(moment.view, outcome, "end")
+    return figure(moment.view, f"{moment.action} {moment.value:+.2f}")
+
+
+def _colour(outcome: Outcome) -> str:
+    return f"var(--{outcome.name.lower()})"

@@ -1,0 +1,180 @@
+"""The runs that a report is about: what their directories hold, and which differ in their seed alone."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from vhs.config import Config
+from vhs.errors import CheckpointError
+from vhs.train.checkpoint import has_checkpoint
+from vhs.train.directory import CONFIG_NAME, MAY_CHANGE, META_NAME, read_config
+from vhs.train.log import LOG_NAME
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What is left of one training run."""
+
+    path: Path
+    name: str
+    """Its path below the directory that the report is about."""
+    config: Config | None
+    rows: tuple[Row, ...]
+    """Of the log, in order of episodes."""
+    meta: Row
+    """Of `run.json`; empty where there is none."""
+    notes: tuple[str, ...]
+    """What is missing or damaged, a sentence each."""
+
+    @property
+    def has_checkpoint(self) -> bool:
+        """Whether there is an agent to look at."""
+        return self.config is not None and has_checkpoint(self.path)
+
+    @property
+    def final_success(self) -> float:
+        """Mean success rate over the last tenth of training; -1 without a log."""
+        return final_mean(self.rows, "rate/success") if self.rows else -1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Runs that differ in their seed alone."""
+
+    label: str
+    task: str
+    runs: tuple[Run, ...]
+
+
+def final_mean(rows: Sequence[Row], key: str) -> float:
+    """Mean of a value over the last tenth of the episodes, every row with the weight of its episodes."""
+    end = rows[-1]["episodes"]
+    spans = zip((0, *(row["episodes"] for row in rows)), rows, strict=False)
+    late = [(row["episodes"] - before, row[key]) for before, row in spans if row["episodes"] > 0.9 * end]
+    return float(sum(span * value for span, value in late) / sum(span for span, _ in late))
+
+
+def find_runs(path: Path) -> list[Run]:
+    """The run in `path`, or every run below it.
+
+    Raises:
+        CheckpointError: there is none.
+    """
+    if not path.is_dir():
+        raise CheckpointError(f"{path}: expected the directory of a run or of several, found no directory")
+    if _is_run(path):
+        return [_read(path, path.resolve().name)]
+    found = sorted({p.parent for name in (LOG_NAME, CONFIG_NAME) for p in path.rglob(name)})
+    if not found:
+        raise CheckpointError(f"{path}: expected {CONFIG_NAME} or {LOG_NAME} in it or below, found neither")
+    return [_read(run, str(run.relative_to(path))) for run in found]
+
+
+def group_runs(runs: Sequence[Run]) -> list[Group]:
+    """Put runs of one configuration together, whatever their seed; in order of task and label."""
+    by_key: dict[tuple[Any, ...], list[Run]] = {}
+    for run in runs:
+        key = (run.name,) if run.config is None else tuple(sorted(_settings(run.config).items()))
+        by_key.setdefault(key, []).append(run)
+    groups = [Group(_label(members, runs), _task(members[0]), tuple(members)) for members in by_key.values()]
+    repeated = Counter((group.task, group.label) for group in groups)
+    named = [
+        group if repeated[group.task, group.label] == 1
+        else Group(f"{group.label} ({group.runs[0].name})", group.task, group.runs)
+        for group in groups
+    ]  # fmt: skip
+    return sorted(named, key=lambda group: (group.task, group.label))
+
+
+def _task(run: Run) -> str:
+    return "unknown task" if run.config is None else f"Task {run.config.task.removeprefix('task')}"
+
+
+def _label(members: Sequence[Run], runs: Sequence[Run]) -> str:
+    """The method, and where it departs from the defaults in what the runs of its task do not share."""
+    config = members[0].config
+    if config is None:
+        return members[0].name
+    peers = [_settings(r.config) for r in runs if r.config is not None and r.config.task == config.task]
+    mine, plain = _settings(config), _settings(Config())
+    differing = [
+        f"{key.rpartition('.')[2]} {value}"
+        for key, value in mine.items()
+        if key not in ("task", "method.name")
+        and value != plain.get(key)
+        and any(p.get(key) != value for p in peers)
+    ]
+    return ", ".join([config.method.name.upper(), *differing])
+
+
+def _settings(config: Config) -> dict[str, str]:
+    """Every setting that tells two runs apart, seed and bookkeeping left out, by dotted key."""
+    flat = flatten(config.model_dump(mode="json"))
+    return {key: value for key, value in flat.items() if key != "seed" and key not in MAY_CHANGE}
+
+
+def flatten(tree: Row, prefix: str = "") -> dict[str, str]:
+    """A nested mapping by dotted keys, values as text."""
+    flat: dict[str, str] = {}
+    for key, value in tree.items():
+        flat |= flatten(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key: str(value)}
+    return flat
+
+
+def _is_run(path: Path) -> bool:
+    return (path / CONFIG_NAME).exists() or (path / LOG_NAME).exists()
+
+
+def _read(path: Path, name: str) -> Run:
+    notes: list[str] = []
+    config = _config(path, notes)
+    rows = _rows(path / LOG_NAME, notes)
+    meta = _meta(path / META_NAME, notes)
+    if config is not None and not has_checkpoint(path):
+        notes.append("no checkpoint: no goal store, prototypes or episodes to show")
+    return Run(path, name, config, rows, meta, tuple(notes))
+
+
+def _config(path: Path, notes: list[str]) -> Config | None:
+    try:
+        return read_config(path)
+    except CheckpointError as error:
+        notes.append(str(error))
+        return None
+
+
+def _rows(path: Path, notes: list[str]) -> tuple[Row, ...]:
+    """Rows of a log; a damaged line is left out and said so, for a page about the others is worth having."""
+    if not path.exists():
+        notes.append(f"no {LOG_NAME}: no learning curves")
+        return ()
+    rows = []
+    text = path.read_text(encoding="utf-8", errors="replace")
+    for number, line in enumerate(text.splitlines(), start=1):
+        try:
+            row = json.loads(line)
+            # What every curve needs: a row without it is as good as damaged.
+            if not (row["episodes"] > 0 and 0 <= row["rate/success"] <= 1):
+                raise ValueError(line)
+            rows.append(row)
+        except (ValueError, KeyError, TypeError):
+            notes.append(f"{LOG_NAME}: line {number} is damaged and was left out")
+    if not rows:
+        notes.append(f"{LOG_NAME}: no row yet")
+    return tuple(sorted(rows, key=lambda row: row["episodes"]))
+
+
+def _meta(path: Path, notes: list[str]) -> Row:
+    try:
+        meta = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        notes.append(f"no readable {META_NAME}: what made the run is not known")
+        return {}
+    return meta if isinstance(meta, dict) else {}

@@ -1,0 +1,50 @@
+"""The section about what made the runs: commands, commits, seeds, settings, and what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from xml.sax.saxutils import escape
+
+from vhs.config import Config, dump_config
+from vhs.report.page import Section, missing, table
+from vhs.report.runs import Run, flatten
+
+
+def setup_section(runs: Sequence[Run], shown: Run) -> Section:
+    """What made the runs."""
+    parts = [_provenance(runs), _notes(runs)]
+    if shown.config is not None:
+        parts.append(_departures(shown.config))
+        text = escape(dump_config(shown.config))
+        head = f"<summary>Resolved configuration of {escape(shown.name)}</summary>"
+        parts.append(f'<div class="card setup"><details>{head}<pre>{text}</pre></details></div>')
+    else:
+        parts.append(missing(f"{shown.name} has no readable configuration"))
+    return Section("setup", "What made this", "".join(parts))
+
+
+def _provenance(runs: Sequence[Run]) -> str:
+    rows = []
+    for run in runs:
+        seed = "?" if run.config is None else str(run.config.seed)
+        told = [str(run.meta.get(key) or "?") for key in ("command", "commit", "version", "time", "machine")]
+        rows.append((run.name, *told, seed))
+    return table(
+        ("run", "command", "commit", "version", "started (UTC)", "machine", "seed"), rows, numbers_from=6
+    )
+
+
+def _notes(runs: Sequence[Run]) -> str:
+    items = "".join(f"<li>{escape(run.name)}: {escape(note)}</li>" for run in runs for note in run.notes)
+    return f"<h3>Missing or damaged</h3><ul>{items}</ul>" if items else ""
+
+
+def _departures(config: Config) -> str:
+    """Settings that are not the defaults."""
+    mine, plain = (flatten(c.model_dump(mode="json")) for c in (config, Config()))
+    rows = [(key, value, plain.get(key, "-")) for key, value in mine.items() if value != plain.get(key)]
+    if not rows:
+        return '<p class="note">Every setting is the default.</p>'
+    return "<h3>Settings that are not the default</h3>" + table(
+        ("key", "value", "default"), rows, numbers_from=3
+    )

@@ -1,0 +1,19 @@
+"""One small trained run for all tests of this folder."""
+
+from io import StringIO
+from pathlib import Path
+
+import pytest
+
+from vhs.config import load_config
+from vhs.train import train
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+
+
+@pytest.fixture(scope="session")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("play") / "run"
+    settings = ["task=task3", "train.episodes=8", "env.num_workers=0"]
+    train(load_config([CONFIGS / "debug.yaml"], settings), directory, StringIO())
+    return directory

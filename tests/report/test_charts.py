@@ -1,0 +1,68 @@
+"""What charts rest on: ticks, labels that keep apart, means over seeds, intervals."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from vhs.report.curves import _line
+from vhs.report.runs import Group, Run, final_mean
+from vhs.report.svg import Axes, Line, line_chart, nice_ticks, spread
+from vhs.report.tracks import wilson_interval
+
+
+def run_of(*points: tuple[int, float]) -> Run:
+    rows = tuple({"episodes": x, "rate/success": y} for x, y in points)
+    return Run(Path(), "run", None, rows, {}, ())
+
+
+def test_ticks_are_round_and_cover_the_range() -> None:
+    assert nice_ticks(0, 1) == [0, 0.2, 0.4, 0.6, 0.8, 1.0]
+    assert nice_ticks(0, 116_000, 3) == [0, 50_000, 100_000]
+    assert nice_ticks(0, 10, 4) == [0, 5, 10]
+    assert nice_ticks(-0.3, 0.3)[0] <= -0.3
+
+
+def test_labels_keep_apart_and_above_the_limit() -> None:
+    assert spread([10, 12, 50], 17, 100) == [10, 27, 50]
+    assert spread([90, 95, 99], 17, 100) == [66, 83, 100]
+
+
+def test_a_band_is_mean_and_deviation_over_seeds_where_all_have_data() -> None:
+    group = Group("VHS", "Task 2", (run_of((10, 0.2), (20, 0.4)), run_of((10, 0.4), (20, 0.6), (30, 0.9))))
+    line = _line(group, "rate/success", "VHS", "red")
+    assert line is not None
+    assert line.low is not None
+    assert line.x.tolist() == [10, 20]
+    assert line.y == pytest.approx([0.3, 0.5])
+    assert line.y - line.low == pytest.approx([0.2 / 2**0.5] * 2)
+
+
+def test_one_seed_has_no_band() -> None:
+    line = _line(Group("VHS", "Task 2", (run_of((10, 0.2), (20, 0.4)),)), "rate/success", "VHS", "red")
+    assert line is not None
+    assert line.low is None
+
+
+def test_the_final_rate_weighs_rows_by_their_episodes() -> None:
+    run = run_of((900, 0.1), (980, 0.5), (1000, 1.0))
+    assert final_mean(run.rows, "rate/success") == pytest.approx(0.6)
+
+
+def test_a_chart_is_well_formed_whatever_a_run_is_called() -> None:
+    x = np.array([1.0, 2.0])
+    line = Line('<&">', "var(--c0)", x, x, x - 1, x + 1)
+    chart = line_chart(Axes('a "title" & more'), [line, line])
+    assert ElementTree.fromstring(chart).get("aria-label") == 'a "title" & more'
+
+
+def test_a_flat_curve_and_a_single_point_have_axes() -> None:
+    one = Line("a", "red", np.array([5.0]), np.array([0.0]))
+    assert "nan" not in line_chart(Axes("flat"), [one])
+
+
+def test_the_wilson_interval_by_hand() -> None:
+    low, high = wilson_interval(0.5, 100)
+    assert (low, high) == (pytest.approx(0.4038, abs=1e-3), pytest.approx(0.5962, abs=1e-3))
+    assert wilson_interval(1.0, 20)[1] == pytest.approx(1.0)
