@@ -109,7 +109,7 @@ def test_a_store_that_is_not_warm_is_named(runs: Path, tmp_path: Path) -> None:
     import torch
 
     shutil.copytree(runs / "seed0", tmp_path / "run")
-    state_file = next((tmp_path / "run").glob("checkpoints/*/state.pt"))
+    state_file = max((tmp_path / "run").glob("checkpoints/*/state.pt"))
     state = torch.load(state_file, weights_only=True)
     state["learner"]["prototypes"]["seen"].zero_()
     torch.save(state, state_file)
@@ -126,7 +126,7 @@ def test_damaged_parts_are_named_and_the_rest_is_shown(runs: Path, tmp_path: Pat
         "\n".join([lines[0], "{damaged", '{"episodes": 60, "rate/success": null}', lines[1]])
     )
     (run / "run.json").write_text("{")
-    next(run.glob("checkpoints/*/goals.vhs")).write_bytes(b"short")
+    max(run.glob("checkpoints/*/goals.vhs")).write_bytes(b"short")
     page = parse(report(run, tmp_path / "page.html"))
     notes = section_text(page, "setup")
     assert "line 2 is damaged" in notes
