@@ -162,6 +162,9 @@ class TrainSection(_Section):
     entropy_weight_end: NonNegativeFloat | None = 0.008
     """Entropy coefficient from `schedule_episodes` on, reached linearly; null keeps `entropy_weight`
     (paper)."""
+    spread_weight: NonNegativeFloat = 0.0
+    """Weight of KL(uniform || pi), which keeps every action alive where the entropy's pull has faded (paper:
+    none)."""
     max_grad_norm: PositiveFloat = 10.0
     """Gradient clip (paper: 10)."""
     precision: Literal["auto", "float32", "bfloat16"] = "auto"

@@ -28,6 +28,7 @@ from vhs.losses import (
     actor_critic_loss,
     hindsight_imitation_loss,
     lambda_returns,
+    policy_spread_loss,
     supcon_loss,
 )
 from vhs.models import GoalAgent, to_device
@@ -199,6 +200,8 @@ class VHS:
         )
         rl = actor_critic_loss(log_probs[:episodes], actions, values[:episodes], returns, valid)
         terms = {"policy": rl.policy, "value": rl.value, "entropy": rl.entropy}
+        if self._train.spread_weight:
+            terms["spread"] = policy_spread_loss(log_probs[:episodes], valid)
         if not self._method.parts.hindsight:
             return terms
         imitation = ImitationTerms(values.new_zeros(()), values.new_zeros(()))
@@ -249,6 +252,7 @@ class VHS:
             "policy": 1.0,
             "value": train.value_weight,
             "entropy": -self._scheduled("entropy_weight"),
+            "spread": train.spread_weight,
             "imitation_policy": method.vhs_weight,
             "imitation_value": method.vhs_weight,
             "supcon": method.supcon_weight,
