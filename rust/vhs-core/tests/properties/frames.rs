@@ -10,7 +10,11 @@ proptest! {
         seed in any::<u8>(),
     ) {
         let bytes = count * stack * pixels * colours;
-        let source: Vec<u8> = (0..bytes).map(|index| (index as u8).wrapping_mul(31).wrapping_add(seed)).collect();
+        let source: Vec<u8> = (0u8..=255)
+            .cycle()
+            .map(|byte| byte.wrapping_mul(31).wrapping_add(seed))
+            .take(bytes)
+            .collect();
         let mut out = vec![0; bytes];
         stack_channels(&source, [count, stack, pixels, colours], &mut out).expect("a fitting shape");
         for n in 0..count { for s in 0..stack { for p in 0..pixels { for c in 0..colours {
