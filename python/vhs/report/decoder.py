@@ -37,7 +37,7 @@ class Decoder(nn.Module):
 
     def forward(self, features: Tensor) -> Tensor:
         """Features [N, feature_dim] to departures from the mean picture, [N, 3, height, width]."""
-        planes = self.project(features).unflatten(1, (_CHANNELS[0], *self.small))
+        planes: Tensor = self.project(features).unflatten(1, (_CHANNELS[0], *self.small))
         for number, convolution in enumerate(self.convolutions):
             if number:
                 planes = interpolate(planes.relu(), scale_factor=2.0)
@@ -63,7 +63,8 @@ def decode(
     pictures = avg_pool2d(torch.from_numpy(frames).permute(0, 3, 1, 2).float() / 255, 2)
     mean_picture = pictures.mean(dim=0)
     # Features of all images are much alike; the decoder learns from how they differ.
-    inputs, mean, spread = torch.from_numpy(features), features.mean(axis=0), features.std(axis=0) + 1e-3
+    inputs = torch.from_numpy(features)
+    mean, spread = inputs.mean(dim=0), inputs.std(dim=0, correction=0) + 1e-3
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         decoder = Decoder(features.shape[1], *pictures.shape[2:])
@@ -87,5 +88,5 @@ def _train(decoder: Decoder, inputs: Tensor, pictures: Tensor, seed: int) -> Non
         weight = (wanted.square().sum(dim=1, keepdim=True) / mean_square).clamp(max=_MOST_WEIGHT)
         loss = (weight * (decoder(inputs[rows]) - wanted).square()).mean()
         optimiser.zero_grad(set_to_none=True)
-        loss.backward()  # type: ignore[no-untyped-call]
+        loss.backward()
         optimiser.step()
