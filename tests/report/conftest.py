@@ -1,11 +1,14 @@
-"""Two small runs that differ in their seed, warm enough for prototypes."""
+"""Two small runs that differ in their seed, warm enough for prototypes, and the page of one of them."""
 
+import shutil
 from io import StringIO
 from pathlib import Path
 
 import pytest
 
+from vhs.cli import main
 from vhs.config import load_config
+from vhs.report import decoder
 from vhs.train import train
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -13,9 +16,42 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 
 @pytest.fixture(scope="session")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """`seed0` was trained; `seed1` is its copy under another seed, without checkpoint."""
     directory = tmp_path_factory.mktemp("report")
+<<<<<<< HEAD
     for seed in (0, 1):
         settings = [f"seed={seed}", "train.episodes=160", "method.warmup=2", "env.num_workers=0"]
         config = load_config([CONFIGS / "debug.yaml"], settings)
         train(config, directory / f"seed{seed}", StringIO())
+=======
+    # A wide reach: chance succeeds often enough to fill the store.
+    settings = [
+        "train.episodes=120",
+        "method.warmup=2",
+        "env.num_workers=0",
+        "env.room.reach_half_angle_deg=90",
+    ]
+    train(load_config([CONFIGS / "debug.yaml"], settings), directory / "seed0", StringIO())
+    (directory / "seed1").mkdir()
+    for name in ("config.yaml", "log.jsonl", "run.json"):
+        text = (directory / "seed0" / name).read_text()
+        (directory / "seed1" / name).write_text(text.replace("seed: 0", "seed: 1"))
+>>>>>>> report
     return directory
+
+
+@pytest.fixture(scope="session")
+def page_of_one(runs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What `vhs report` writes of the trained run, alone in its directory."""
+    out = tmp_path_factory.mktemp("page") / "page.html"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(decoder, "STEPS", 3)
+        assert main(["report", str(runs / "seed0"), "--out", str(out), "--episodes", "3"]) == 0
+    return out
+
+
+@pytest.fixture
+def bare(runs: Path, tmp_path: Path) -> Path:
+    """A directory with a run that has no checkpoint."""
+    shutil.copytree(runs / "seed1", tmp_path / "runs" / "run")
+    return tmp_path / "runs"
