@@ -18,12 +18,6 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """`seed0` was trained; `seed1` is its copy under another seed, without checkpoint."""
     directory = tmp_path_factory.mktemp("report")
-<<<<<<< HEAD
-    for seed in (0, 1):
-        settings = [f"seed={seed}", "train.episodes=160", "method.warmup=2", "env.num_workers=0"]
-        config = load_config([CONFIGS / "debug.yaml"], settings)
-        train(config, directory / f"seed{seed}", StringIO())
-=======
     # A wide reach: chance succeeds often enough to fill the store.
     settings = [
         "train.episodes=120",
@@ -36,7 +30,6 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in ("config.yaml", "log.jsonl", "run.json"):
         text = (directory / "seed0" / name).read_text()
         (directory / "seed1" / name).write_text(text.replace("seed: 0", "seed: 1"))
->>>>>>> report
     return directory
 
 

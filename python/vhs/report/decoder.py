@@ -63,19 +63,14 @@ def decode(
     pictures = avg_pool2d(torch.from_numpy(frames).permute(0, 3, 1, 2).float() / 255, 2)
     mean_picture = pictures.mean(dim=0)
     # Features of all images are much alike; the decoder learns from how they differ.
-<<<<<<< HEAD
-    mean, spread = features.mean(axis=0), features.std(axis=0) + 1e-3
-    inputs, asked = (torch.from_numpy((each - mean) / spread) for each in (features, wanted))
-=======
     inputs = torch.from_numpy(features)
     mean, spread = inputs.mean(dim=0), inputs.std(dim=0, correction=0) + 1e-3
->>>>>>> report
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         decoder = Decoder(features.shape[1], *pictures.shape[2:])
-    _train(decoder, inputs, pictures - mean_picture, seed)
+    _train(decoder, (inputs - mean) / spread, pictures - mean_picture, seed)
     with torch.inference_mode():
-        decoded = decoder(asked) + mean_picture
+        decoded = decoder((torch.from_numpy(wanted) - mean) / spread) + mean_picture
         decoded = interpolate(decoded, size=frames.shape[1:3], mode="bilinear").permute(0, 2, 3, 1)
     picture: NDArray[np.uint8] = (decoded * 255).clamp(0, 255).to(torch.uint8).contiguous().numpy()
     return picture
