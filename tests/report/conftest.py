@@ -21,6 +21,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     # A wide reach: chance succeeds often enough to fill the store.
     settings = [
         "train.episodes=120",
+        "train.checkpoint_every_s=1e6",
         "method.warmup=2",
         "env.num_workers=0",
         "env.room.reach_half_angle_deg=90",
