@@ -111,7 +111,9 @@ def test_what_cannot_run_is_refused_before_anything_is_written(
 
 
 @pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_saves_and_the_same_command_resumes(kind: signal.Signals, tmp_path: Path) -> None:
+def test_a_signal_saves_and_the_same_command_resumes(
+    kind: signal.Signals, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     run = tmp_path / "run"
     arguments = [
         "train",
@@ -131,6 +133,8 @@ def test_a_signal_saves_and_the_same_command_resumes(kind: signal.Signals, tmp_p
     deadline = time.monotonic() + 60
     while len(read_log(run)) < 1 and time.monotonic() < deadline:
         time.sleep(0.05)
+    assert main(arguments) == 1
+    assert "another process trains here" in capsys.readouterr().err
     process.send_signal(kind)
     told, _ = process.communicate(timeout=30)
     assert process.returncode == 130

@@ -7,9 +7,11 @@ import platform
 import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from vhs import __version__
 from vhs.config import Config, dump_config, load_config
@@ -19,6 +21,7 @@ from vhs.variants import differing_keys, flat_config
 
 CONFIG_NAME = "config.yaml"
 META_NAME = "run.json"
+LOCK_NAME = ".lock"
 AGENT_NAME = "agent.safetensors"
 """Only in the directory of an exported agent."""
 
@@ -59,21 +62,47 @@ def check_run(config: Config, run: Path) -> None:
             )
 
 
-def open_run(config: Config, run: Path) -> None:
-    """Make the directory, say in it what makes the run, and remove what a kill left half-written.
+@contextmanager
+def open_run(config: Config, run: Path) -> Iterator[None]:
+    """Make the directory, say in it what makes the run, remove what a kill left half-written, and hold it.
 
     Raises:
-        CheckpointError: the directory cannot be written.
+        CheckpointError: the directory cannot be written, or another process trains in it.
     """
     try:
         run.mkdir(parents=True, exist_ok=True)
-        remove_partial_checkpoints(run)
-        for temporary in run.glob("*.tmp"):
-            temporary.unlink()
-        _write(run / CONFIG_NAME, dump_config(config))
-        _write(run / META_NAME, json.dumps(describe(), indent=2) + "\n")
+        lock = (run / LOCK_NAME).open("w")
     except OSError as error:
-        raise CheckpointError(f"{run}: cannot write the run: {error.strerror}") from error
+        raise _cannot_write(run, error) from error
+    with lock:
+        _hold(lock, run)
+        try:
+            remove_partial_checkpoints(run)
+            for temporary in run.glob("*.tmp"):
+                temporary.unlink()
+            _write(run / CONFIG_NAME, dump_config(config))
+            _write(run / META_NAME, json.dumps(describe(), indent=2) + "\n")
+        except OSError as error:
+            raise _cannot_write(run, error) from error
+        yield
+
+
+def _hold(lock: TextIO, run: Path) -> None:
+    """Hold a file until it is closed or this process ends; workers do not inherit the lock."""
+    try:
+        import fcntl
+    except ImportError:  # no such locks here
+        return
+    try:
+        fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError) as error:
+        raise CheckpointError(
+            f"{run}: another process trains here; wait for it, or give another --out"
+        ) from error
+
+
+def _cannot_write(run: Path, error: OSError) -> CheckpointError:
+    return CheckpointError(f"{run}: cannot write the run: {error.strerror}")
 
 
 def read_config(run: Path) -> Config:

@@ -58,9 +58,9 @@ def train(config: Config, run: Path, stream: TextIO | None = None) -> bool:
     torch.set_num_threads(config.train.threads)
     keep_freed_memory()
     session = _Session(config, run)
-    open_run(config, run)
     with (
         closing(session),
+        open_run(config, run),
         RunLog(
             run,
             config.train.episodes,
