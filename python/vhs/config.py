@@ -74,8 +74,8 @@ class MethodSection(_Section):
     method's own unless given."""
     supcon_weight: NonNegativeFloat = 0.5
     """Weight of the SupCon loss (paper: 0.5)."""
-    supcon_batch: Annotated[int, Field(ge=2)] = 32
-    """Goal images in a SupCon batch of a learner (paper: 64; half of it reaches the loss's floor as soon)."""
+    supcon_batch: Annotated[int, Field(ge=2)] = 16
+    """Goal images in a SupCon batch of a learner (paper: 64; a quarter of it serves as well)."""
     supcon_temperature: PositiveFloat = 0.07
     """Temperature tau_s (paper: 0.07)."""
     warmup: PositiveInt = 100
@@ -130,7 +130,7 @@ class MethodSection(_Section):
 class TrainSection(_Section):
     """The optimisation and the bookkeeping of a run."""
 
-    episodes: PositiveInt = 60_000
+    episodes: PositiveInt = 30_000
     """Episodes until the run is finished."""
     episodes_per_update: PositiveInt = 4
     """Episodes behind an optimiser step (paper: 1; a trial with 16 needed 2.7 times the episodes of 4)."""
@@ -140,26 +140,28 @@ class TrainSection(_Section):
     learning_rate: PositiveFloat = 5e-4
     """Adam with AMSGrad, at the start (paper: 1e-4 for one episode an update; at 1e-3 trained policies
     collapse)."""
-    learning_rate_end: PositiveFloat | None = 1e-4
+    learning_rate_end: PositiveFloat | None = 2e-5
     """Learning rate from `schedule_episodes` on, reached linearly; null keeps `learning_rate` (paper)."""
     extractor_stride: PositiveInt = 1
     """Of so many observations of an episode one trains the extractor, each in turn (paper: all); the others
     are embedded as when acting, at a third of the cost, and train LSTM and heads alone."""
     head_rate: PositiveFloat = 1.0
     """Learning rate of gate, LSTM and heads as a multiple of `learning_rate`, which the extractor has."""
-    schedule_episodes: PositiveInt = 15_000
+    schedule_episodes: PositiveInt = 30_000
     """Episodes over which learning rate and entropy weight move to their ends."""
-    gamma: Probability = 0.99
-    """Discount (paper: 0.99)."""
+    gamma: Probability = 0.95
+    """Discount (paper: 0.99; then a goal in view is worth little more than one that is not)."""
     return_lambda: Probability = 0.75
     """Lambda of the returns: 1 is Monte-Carlo (paper); less trusts the critic's next values in part, and what
     is left of timeouts goes twice as fast."""
     reward_scale: PositiveFloat = 0.1
     """Factor on the environment's reward; at 1 the policy's entropy collapses."""
-    value_weight: NonNegativeFloat = 0.5
+    value_weight: NonNegativeFloat = 5.0
+    """Weight of the critic's loss (paper: 0.5). The critic is what teaches the extractor to see a goal that is
+    small and far: its value jumps there, while the policy alone loses little by turning past it."""
     entropy_weight: NonNegativeFloat = 0.03
     """Entropy coefficient at the start (paper: 0.01; then one of the two turns dies out early)."""
-    entropy_weight_end: NonNegativeFloat | None = 0.008
+    entropy_weight_end: NonNegativeFloat | None = 0.004
     """Entropy coefficient from `schedule_episodes` on, reached linearly; null keeps `entropy_weight`
     (paper)."""
     spread_weight: NonNegativeFloat = 0.0
