@@ -131,7 +131,7 @@ class TrainSection(_Section):
     """The optimisation and the bookkeeping of a run."""
 
     episodes: PositiveInt = 30_000
-    """Episodes until the run is finished."""
+    """Episodes until the run is finished; a longer run gains most with `schedule_episodes` as long."""
     episodes_per_update: PositiveInt = 4
     """Episodes behind an optimiser step (paper: 1; a trial with 16 needed 2.7 times the episodes of 4)."""
     learners: PositiveInt = 1
