@@ -142,11 +142,6 @@ class TrainSection(_Section):
     collapse)."""
     learning_rate_end: PositiveFloat | None = 2e-5
     """Learning rate from `schedule_episodes` on, reached linearly; null keeps `learning_rate` (paper)."""
-    extractor_stride: PositiveInt = 1
-    """Of so many observations of an episode one trains the extractor, each in turn (paper: all); the others
-    are embedded as when acting, at a third of the cost, and train LSTM and heads alone."""
-    head_rate: PositiveFloat = 1.0
-    """Learning rate of gate, LSTM and heads as a multiple of `learning_rate`, which the extractor has."""
     schedule_episodes: PositiveInt = 30_000
     """Episodes over which learning rate and entropy weight move to their ends."""
     gamma: Probability = 0.95
@@ -157,16 +152,13 @@ class TrainSection(_Section):
     reward_scale: PositiveFloat = 0.1
     """Factor on the environment's reward; at 1 the policy's entropy collapses."""
     value_weight: NonNegativeFloat = 5.0
-    """Weight of the critic's loss (paper: 0.5). The critic is what teaches the extractor to see a goal that is
-    small and far: its value jumps there, while the policy alone loses little by turning past it."""
+    """Weight of the critic's loss (paper: 0.5). The critic teaches the extractor to see a goal that is small
+    and far: the value jumps there, while the policy alone loses little by turning past it."""
     entropy_weight: NonNegativeFloat = 0.03
     """Entropy coefficient at the start (paper: 0.01; then one of the two turns dies out early)."""
     entropy_weight_end: NonNegativeFloat | None = 0.004
     """Entropy coefficient from `schedule_episodes` on, reached linearly; null keeps `entropy_weight`
     (paper)."""
-    spread_weight: NonNegativeFloat = 0.0
-    """Weight of KL(uniform || pi), which keeps every action alive where the entropy's pull has faded (paper:
-    none)."""
     max_grad_norm: PositiveFloat = 10.0
     """Gradient clip (paper: 10)."""
     precision: Literal["auto", "float32", "bfloat16"] = "auto"

@@ -10,7 +10,6 @@ from torch import Tensor
 
 from vhs import EpisodeBatch, EpisodeBuffer, GoalStore, Outcome, Prototypes, Rng
 from vhs.algorithms import VHS
-from vhs.algorithms.shares import Share
 from vhs.config import Config, load_config
 from vhs.errors import DivergenceError
 from vhs.models import FeatureExtractor, GoalAgent
@@ -244,40 +243,3 @@ def test_state_round_trip_gives_the_same_next_update() -> None:
     second.goal_store.sample(12, balanced=True)  # the one batch that the first store has drawn
     assert first.update([(batch, goals_for(batch))]) == second.update([(batch, goals_for(batch))])
     torch.testing.assert_close(first.embed_goal(0), second.embed_goal(0))
-
-
-def test_with_a_stride_every_nth_observation_trains_the_extractor_in_turn() -> None:
-    vhs = make_vhs("train.extractor_stride=4")
-    batch = make_batch([Outcome.SUCCESS, Outcome.FAILURE])
-    share = Share(batch, goals_for(batch), vhs._relabel(batch), None)
-    for updates in (0, 1):
-        vhs.updates = updates
-        vhs.agent.eval()
-        with torch.no_grad():
-            acting = vhs.agent.extractor(torch.from_numpy(batch.observations))
-        vhs.agent.train()
-        features, _ = vhs._embed(vhs.agent, share)
-        learns = torch.arange(len(features)) % 4 == updates
-        torch.testing.assert_close(features[~learns], acting[~learns], atol=1e-4, rtol=1e-4)
-        assert not torch.allclose(features[learns], acting[learns], atol=1e-2)
-        weight = vhs.agent.extractor.project.weight
-        constant = torch.autograd.grad(features[~learns].square().sum(), weight, retain_graph=True)[0]
-        assert constant.abs().max() == 0, "no gradient of the others reaches the extractor"
-        (learned,) = torch.autograd.grad((features[learns] ** 3).sum(), weight)
-        assert learned.abs().max() > 0
-
-
-def test_heads_may_learn_at_another_rate_than_the_extractor() -> None:
-    vhs = make_vhs("train.head_rate=3", "train.learning_rate=0.01", "train.learning_rate_end=null")
-    batch = make_batch([Outcome.FAILURE])
-    vhs.update([(batch, goals_for(batch))])
-    assert [group["lr"] for group in vhs.optimiser.param_groups] == pytest.approx([0.01, 0.03])
-    together = [id(p) for group in vhs.optimiser.param_groups for p in group["params"]]
-    assert sorted(together) == sorted(id(p) for p in vhs.agent.parameters())
-
-
-def test_the_spread_of_the_policy_is_a_term_only_where_it_has_a_weight() -> None:
-    batch = make_batch([Outcome.FAILURE])
-    for weight, there in ((0.0, False), (0.1, True)):
-        vhs = make_vhs(f"train.spread_weight={weight}")
-        assert ("spread" in vhs.update([(batch, goals_for(batch))])) == there

@@ -28,7 +28,6 @@ from vhs.losses import (
     actor_critic_loss,
     hindsight_imitation_loss,
     lambda_returns,
-    policy_spread_loss,
     supcon_loss,
 )
 from vhs.models import GoalAgent, to_device
@@ -69,12 +68,9 @@ class VHS:
         self.agent = agent
         self.goal_store = goal_store
         self.prototypes = prototypes
-        extractor = list(agent.extractor.parameters())
-        shared = {id(parameter) for parameter in extractor}
-        rest = [parameter for parameter in agent.parameters() if id(parameter) not in shared]
-        # The rates are set before every step; `rate` is the share of `learning_rate` that a group has.
-        groups = [{"params": extractor, "rate": 1.0}, {"params": rest, "rate": train.head_rate}]
-        self.optimiser = torch.optim.Adam(groups, lr=train.learning_rate, amsgrad=True, fused=True)
+        self.optimiser = torch.optim.Adam(
+            agent.parameters(), lr=train.learning_rate, amsgrad=True, fused=True
+        )
         self._replicas = Replicas(agent, train.learners, train.threads)
         self.rng = rng
         self.updates = 0
@@ -155,30 +151,13 @@ class VHS:
         return Learned({name: term.detach() for name, term in terms.items()}, goal_features.detach())
 
     def _embed(self, agent: GoalAgent, share: Share) -> tuple[Tensor, Tensor]:
-        """Features of the episodes' observations and of the goal images, by one pass that learns from both.
-
-        Observations that do not train the extractor are embedded before it, as when acting.
-        """
+        """Features of the episodes' observations and of the goal images, by one pass."""
         observations = self._tensor(share.batch.observations)
-        stride = self._train.extractor_stride
-        rows = torch.arange(len(observations), device=self._device)
-        learns = rows % stride == self.updates % stride
-        learned = observations[learns]
+        count = len(observations)
         if share.stored is not None:
-            learned = torch.cat([learned, share.stored.observations])
-        constant = self._embed_constant(agent, observations[~learns])
-        features = agent.extractor(learned, self.dtype)
-        count = int(learns.sum())
-        order = torch.cat([rows[learns], rows[~learns]]).argsort()
-        return torch.cat([features[:count], constant])[order], features[count:]
-
-    @torch.no_grad()
-    def _embed_constant(self, agent: GoalAgent, observations: Tensor) -> Tensor:
-        """Features as when acting, which no gradient reaches."""
-        agent.eval()
-        features: Tensor = agent.extractor(observations, self.dtype)
-        agent.train()
-        return features
+            observations = torch.cat([observations, share.stored.observations])
+        features = agent.extractor(observations, self.dtype)
+        return features[:count], features[count:]
 
     def _episode_losses(self, agent: GoalAgent, share: Share, features: Tensor) -> dict[str, Tensor]:
         """The terms of L_RL on every episode and of L_VHS on the relabelled ones, by one run of the LSTM."""
@@ -200,8 +179,6 @@ class VHS:
         )
         rl = actor_critic_loss(log_probs[:episodes], actions, values[:episodes], returns, valid)
         terms = {"policy": rl.policy, "value": rl.value, "entropy": rl.entropy}
-        if self._train.spread_weight:
-            terms["spread"] = policy_spread_loss(log_probs[:episodes], valid)
         if not self._method.parts.hindsight:
             return terms
         imitation = ImitationTerms(values.new_zeros(()), values.new_zeros(()))
@@ -252,7 +229,6 @@ class VHS:
             "policy": 1.0,
             "value": train.value_weight,
             "entropy": -self._scheduled("entropy_weight"),
-            "spread": train.spread_weight,
             "imitation_policy": method.vhs_weight,
             "imitation_value": method.vhs_weight,
             "supcon": method.supcon_weight,
@@ -271,7 +247,7 @@ class VHS:
         if not math.isfinite(norm):
             raise DivergenceError(f"update {self.updates + 1}: expected a finite gradient, found norm {norm}")
         for group in self.optimiser.param_groups:
-            group["lr"] = self._scheduled("learning_rate") * group["rate"]
+            group["lr"] = self._scheduled("learning_rate")
         self.optimiser.step()
         return norm
 

@@ -5,7 +5,6 @@ from vhs.losses.contrastive import supcon_loss
 from vhs.losses.discrimination import goal_discrimination_loss
 from vhs.losses.imitation import ImitationTerms, hindsight_imitation_loss
 from vhs.losses.returns import lambda_returns
-from vhs.losses.spread import policy_spread_loss
 
 __all__ = [
     "ActorCriticTerms",
@@ -14,6 +13,5 @@ __all__ = [
     "goal_discrimination_loss",
     "hindsight_imitation_loss",
     "lambda_returns",
-    "policy_spread_loss",
     "supcon_loss",
 ]
