@@ -1,44 +1,63 @@
-"""Draw success of summarised runs: `python docs/results/plot_tasks.py IN.json PICTURE.png`."""
+"""Draw success of summarised runs: `python docs/results/plot_tasks.py IN.json PICTURE.png`.
+
+On the left VHS on the three tasks, on the right every method on Task 2; runs that differ by seed alone are a
+mean and, from the lowest to the highest, a band.
+"""
 
 import json
 import sys
+from collections import defaultdict
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 
 mpl.use("Agg")
 
 import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
 
 PAPER_VHS = {"task1": 0.914, "task2": 0.920, "task3": 0.895}
 """Final success rates in the paper's table."""
-COLOURS = {"task1": "#0072b2", "task2": "#1b7f4d", "task3": "#d55e00"}
+TASKS = {"task1": "#0072b2", "task2": "#1b7f4d", "task3": "#d55e00"}
+METHODS = {"vhs": "#1b7f4d", "pg": "#cc79a7", "gdan": "#e69f00", "gcsl": "#56b4e9", "a3c": "#7f8c8d"}
+
+Curves = dict[tuple[str, str], list[np.ndarray[Any, Any]]]
 
 
 def draw(records: Path, picture: Path) -> None:
-    """Read the curves of `records` and write `picture`; forks of a run are dashed."""
-    runs = json.loads(records.read_text(encoding="utf-8"))
-    figure, axes = plt.subplots(figsize=(8, 4.5), layout="constrained")
-    for name, run in runs.items():
-        task = name.partition("-")[0]
-        is_fork = "spread" in name
-        curve = [row for row in run["curve"] if not is_fork or row[0] >= run["forked_at"]]
-        axes.plot(
-            [row[0] for row in curve],
-            [row[2] for row in curve],
-            color=COLOURS[task],
-            linestyle="--" if is_fork else "-",
-            linewidth=1.5,
-            label=name,
-        )
-    for task, rate in PAPER_VHS.items():
-        axes.axhline(rate, color=COLOURS[task], linewidth=0.7, linestyle=":")
-    axes.set(
-        xlabel="episodes", ylabel="success in training, mean of 1,000 episodes", ylim=(0, 1), xlim=(0, None)
-    )
-    axes.legend(loc="lower right", frameon=False, title="dotted: VHS in the paper")
-    axes.spines[["top", "right"]].set_visible(False)
+    """Read the curves of `records`, called TASK-METHOD-...-seedN, and write `picture`."""
+    curves: Curves = defaultdict(list)
+    for name, run in json.loads(records.read_text(encoding="utf-8")).items():
+        task, method = name.split("-")[:2]
+        curves[task, method].append(np.array([(row[0], row[2]) for row in run["curve"]]))
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.2), layout="constrained", sharey=True)
+    for task, colour in TASKS.items():
+        _band(left, curves[task, "vhs"], f"Task {task[-1]}", colour)
+        left.axhline(PAPER_VHS[task], color=colour, linewidth=0.7, linestyle=":")
+    for method, colour in METHODS.items():
+        _band(right, curves["task2", method], method, colour)
+    left.set(title="VHS (dotted: in the paper)", ylabel="success in training, mean of 1,000 episodes")
+    right.set(title="Task 2")
+    for axes in (left, right):
+        axes.set(xlabel="episodes", ylim=(0, 1), xlim=(0, None))
+        axes.legend(loc="lower right", frameon=False)
+        axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(picture, dpi=110)
+
+
+def _band(axes: Axes, runs: list[np.ndarray[Any, Any]], label: str, colour: str) -> None:
+    if not runs:
+        return
+    length = min(len(run) for run in runs)
+    success = np.array([run[:length, 1] for run in runs])
+    episodes = runs[0][:length, 0]
+    seeds = f", {len(runs)} seeds" if len(runs) > 1 else ""
+    axes.plot(episodes, success.mean(axis=0), color=colour, linewidth=1.5, label=label + seeds)
+    axes.fill_between(
+        episodes, success.min(axis=0), success.max(axis=0), color=colour, alpha=0.2, linewidth=0
+    )
 
 
 if __name__ == "__main__":
