@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from vhs.report.command import _title
 from vhs.report.curves import _line
 from vhs.report.runs import Group, Run, final_mean
 from vhs.report.svg import Axes, Line, line_chart, nice_ticks, spread
@@ -66,3 +67,10 @@ def test_the_wilson_interval_by_hand() -> None:
     low, high = wilson_interval(0.5, 100)
     assert (low, high) == (pytest.approx(0.4038, abs=1e-3), pytest.approx(0.5962, abs=1e-3))
     assert wilson_interval(1.0, 20)[1] == pytest.approx(1.0)
+
+
+def test_a_title_counts_methods_not_their_tasks() -> None:
+    vhs, other_task, pg = Group("VHS", "Task 1", ()), Group("VHS", "Task 2", ()), Group("PG", "Task 2", ())
+    assert _title([vhs]) == "Task 1: VHS"
+    assert _title([vhs, other_task]) == "VHS on Task 1, Task 2"
+    assert _title([vhs, other_task, pg]) == "2 methods on Task 1, Task 2"

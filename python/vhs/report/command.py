@@ -126,7 +126,9 @@ def _title(groups: Sequence[Group]) -> str:
     if len(groups) == 1:
         return f"{groups[0].task}: {groups[0].label}"
     tasks = list(dict.fromkeys(group.task for group in groups))
-    return f"{len(groups)} methods on {', '.join(tasks)}"
+    labels = {group.label for group in groups}
+    methods = f"{len(labels)} methods" if len(labels) > 1 else groups[0].label
+    return f"{methods} on {', '.join(tasks)}"
 
 
 def _subtitle(runs: Sequence[Run], subject: _Subject) -> str:
