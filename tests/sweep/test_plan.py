@@ -100,14 +100,9 @@ def test_a_wrong_sweep_file_is_explained(text: str, message: str, tmp_path: Path
     assert re.match(rf"{re.escape(str(tmp_path))}/(sweep|none)\.yaml: ", str(caught.value))
 
 
-@pytest.mark.parametrize(("name", "count"), [("paper", 63), ("quick", 10)])
+@pytest.mark.parametrize(("name", "count"), [("paper", 63), ("quick", 9)])
 def test_the_sweeps_that_we_ship_plan_their_runs(name: str, count: int) -> None:
     path = SWEEPS / f"{name}.yaml"
     runs = plan_runs(path, read_sweep(path), 1)
     assert len(runs) == count
     assert {run.config.method.name for run in runs} == METHODS
-
-
-@pytest.mark.parametrize("name", ["paper", "quick"])
-def test_the_sweeps_that_we_ship_have_the_methods_of_the_paper(name: str) -> None:
-    assert set(read_sweep(SWEEPS / f"{name}.yaml").grids[0].grid["method.name"]) == METHODS
