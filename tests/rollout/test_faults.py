@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -355,6 +356,15 @@ def _is_alive(pid: int) -> bool:
     return state != "Z"
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Python's own handler, also where whoever started the tests lets them ignore Ctrl-C, as a shell's `&` does."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_an_interrupt_ends_a_wait_at_once() -> None:
     with RolloutPool(Ledger, 1, seed=0) as pool:
         pool.reset()
