@@ -358,7 +358,7 @@ def _is_alive(pid: int) -> bool:
 
 @pytest.fixture
 def interruptible() -> Iterator[None]:
-    """Python's own handler, also where whoever started the tests lets them ignore Ctrl-C, as a shell's `&` does."""
+    """Python's own handler, also where the tests were started to ignore Ctrl-C, as by a shell's `&`."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
