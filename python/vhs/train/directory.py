@@ -99,6 +99,8 @@ def _hold(lock: TextIO, run: Path) -> None:
         raise CheckpointError(
             f"{run}: another process trains here; wait for it, or give another --out"
         ) from error
+    except OSError:  # nor on this file system
+        return
 
 
 def _cannot_write(run: Path, error: OSError) -> CheckpointError:
