@@ -53,7 +53,7 @@ clean:  ## remove the environment and everything that was built
 $(BIN)/maturin:
 	$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(None if v >= (3, 11) else "vhs needs Python 3.11 or newer, found %d.%d; say which one: make PYTHON=python3.11" % v)'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/pip install --quiet "maturin>=1.9.4,<2"
+	$(BIN)/pip install --quiet "maturin>=1.9.4,<2" "setuptools>=70.1"
 
 # Stamps: .train and .dev hold what each extra brings, .built is the extension module of the present Rust sources.
 $(VENV)/.train: pyproject.toml | $(BIN)/maturin
