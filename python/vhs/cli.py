@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import select
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +17,10 @@ from vhs import VhsError, __version__
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; the exit status is 0, 1 for an explained error, 130 for a run that was stopped."""
+    """Run a command; the exit status is 0, 1 for an explained error, 130 for a run that was stopped.
+
+    A reader of standard output that leaves early (``vhs eval RUN | head -3``) is no error.
+    """
     options = _parser().parse_args(arguments)
     try:
         status: int = options.run(options)
@@ -27,7 +32,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except VhsError as error:
         print(f"vhs: {error}", file=sys.stderr)
         return 1
+    except BrokenPipeError:
+        if not _is_output_unread():
+            raise
+        status = 0
+    if _is_output_unread():
+        # What is still buffered would fail when Python flushes at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return status
+
+
+def _is_output_unread() -> bool:
+    """Whether standard output is a pipe whose reader has left."""
+    try:
+        poll = select.poll()
+        poll.register(sys.stdout.fileno(), 0)
+    except (AttributeError, OSError):
+        # A system without poll, or an output that is no file.
+        return False
+    return any(event & select.POLLERR for _, event in poll.poll(0))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -164,16 +187,17 @@ def _eval(options: argparse.Namespace) -> int:
     result = evaluate(
         options.run_directory, episodes=options.episodes, seed=options.seed, greedy=options.greedy
     ).as_dict()
-    if options.json:
-        print(json.dumps(result))
-    else:
-        for name, value in result.items():
-            print(f"{name} {value:.3f}" if isinstance(value, float) else f"{name} {value}")
     try:
         record_evaluation(options.run_directory, result)
     except OutputError as error:
-        # The result is on the screen, so a run on a read-only disk is no failure.
+        # The result comes to the screen, so a run on a read-only disk is no failure.
         print(f"vhs: {error}; the evaluation is not recorded", file=sys.stderr)
+    finally:
+        if options.json:
+            print(json.dumps(result))
+        else:
+            for name, value in result.items():
+                print(f"{name} {value:.3f}" if isinstance(value, float) else f"{name} {value}")
     return 0
 
 

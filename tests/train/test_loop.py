@@ -15,6 +15,7 @@ import torch
 from vhs.cli import main
 from vhs.config import Config, load_config
 from vhs.errors import CheckpointError
+from vhs.eval import read_evaluations
 from vhs.train import train
 from vhs.train.log import read_log
 
@@ -158,6 +159,27 @@ def test_eval_prints_rates_and_spl(tmp_path: Path, capsys: pytest.CaptureFixture
     assert main(["eval", str(run), "--episodes", "10", "--seed", "3", "--json"]) == 0
     again = json.loads(capsys.readouterr().out)
     assert f"{again['success']:.3f}" == lines["success"], "the same seed gives the same evaluation"
+
+
+def run_unread(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a command whose standard output nobody reads, as behind ``| head -0``."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    with open(writer, "wb") as unread:
+        command = [sys.executable, "-m", "vhs.cli", *arguments]
+        return subprocess.run(command, stdout=unread, stderr=subprocess.PIPE, text=True, timeout=120)
+
+
+def test_training_and_evaluation_go_on_when_nobody_reads_their_output(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    settings = ["--config", str(CONFIGS / "debug.yaml"), "--set", "train.episodes=80"]
+    done = run_unread("train", *settings, "--out", str(run))
+    assert (done.returncode, done.stderr) == (0, "")
+    assert [row["episodes"] for row in read_log(run)] == [40, 80]
+    assert (run / "checkpoints" / "episode-000000080").is_dir()
+    done = run_unread("eval", str(run), "--episodes", "4")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert len(read_evaluations(run)) == 1
 
 
 def test_eval_of_no_run_is_a_clear_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

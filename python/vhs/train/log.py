@@ -106,6 +106,7 @@ class RunLog:
         self._file = self._path.open("a", encoding="utf-8")
         self._board = SummaryWriter(str(run / "tensorboard"), purge_step=kept + 1 if kept else None)
         self._console = Console(file=stream or sys.stdout)
+        self._is_unread = False
         self._progress: Progress | None = None
         self._bar: TaskID | None = None
         if self._console.is_terminal:
@@ -139,12 +140,15 @@ class RunLog:
         os.fsync(self._file.fileno())
 
     def say(self, text: str) -> None:
-        """Tell the person something that is no row."""
+        """Tell the person something that is no row; nobody reading (``vhs train | head``) stops no training."""
         if self._console.is_terminal:
             self._console.print(text, highlight=False)
-        else:
+        elif not self._is_unread:
             # A pipe has no width to wrap at, and its reader wants the line now.
-            print(text, file=self._console.file, flush=True)
+            try:
+                print(text, file=self._console.file, flush=True)
+            except BrokenPipeError:
+                self._is_unread = True
 
     def _show(self, row: Mapping[str, Any]) -> None:
         rates = "  ".join(f"{name} {row[f'rate/{name}']:.1%}" for name in ("success", "failure", "timeout"))
