@@ -119,6 +119,13 @@ def _add_sweep(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, metavar="DIR", help="directory of the runs (default: runs/NAME-OF-FILE)"
     )
     parser.add_argument("--jobs", type=_positive, metavar="N", help="runs side by side (default: one a core)")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="set one key for every run, over the file's `set`, under its grids; may be repeated",
+    )
     parser.set_defaults(run=_sweep)
 
 
@@ -215,7 +222,8 @@ def _sweep(options: argparse.Namespace) -> int:
     from vhs.sweep.runner import sweep
 
     try:
-        return sweep(options.file, options.out or Path("runs") / options.file.stem, options.jobs)
+        out = options.out or Path("runs") / options.file.stem
+        return sweep(options.file, out, options.jobs, overrides=options.set)
     except KeyboardInterrupt:
         # The second Ctrl-C, or one while nothing runs: the runs are ended, and resume from their checkpoints.
         return 130

@@ -229,7 +229,7 @@ def load_config(paths: Sequence[Path | str] = (), overrides: Iterable[str] = ())
             the wrong type or out of range.
     """
     trees = [read_yaml(Path(path)) for path in paths]
-    return resolve_config([*trees, *map(_parse_assignment, overrides)])
+    return resolve_config([*trees, *(nest(*parse_assignment(text)) for text in overrides)])
 
 
 def resolve_config(trees: Iterable[Mapping[str, Any]]) -> Config:
@@ -271,7 +271,12 @@ def read_yaml(path: Path) -> dict[str, Any]:
     return tree
 
 
-def _parse_assignment(assignment: str) -> dict[str, Any]:
+def parse_assignment(assignment: str) -> tuple[str, Any]:
+    """Key and value of ``key=value``, the value as YAML.
+
+    Raises:
+        ConfigError: there is no key, or the value is no YAML.
+    """
     key, equals, text = assignment.partition("=")
     if not equals or not key.strip():
         raise ConfigError(f"--set: expected key=value, found {assignment!r}")
@@ -279,7 +284,7 @@ def _parse_assignment(assignment: str) -> dict[str, Any]:
         value = yaml.safe_load(text)
     except yaml.YAMLError as error:
         raise ConfigError(f"--set {key}: expected a YAML value, found {text!r}") from error
-    return nest(key.strip(), value)
+    return key.strip(), value
 
 
 def nest(key: str, value: Any) -> dict[str, Any]:

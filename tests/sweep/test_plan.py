@@ -47,6 +47,31 @@ def test_every_combination_runs_with_its_first_seed_first(tmp_path: Path) -> Non
     ]
 
 
+def test_keys_of_the_command_line_go_over_those_of_the_file_and_under_those_of_a_grid(tmp_path: Path) -> None:
+    plan(tmp_path, GRIDS)
+    path = tmp_path / "sweep.yaml"
+    changed = read_sweep(path, ["train.episodes=8", "method.vhs_weight=2", "train.gamma=0.9"])
+    runs = {run.name: run.config for run in plan_runs(path, changed, 1)}
+    assert {(config.train.episodes, config.train.gamma) for config in runs.values()} == {(8, 0.9)}
+    assert runs["task1-vhs-seed3"].method.vhs_weight == 2
+    assert runs["task1-vhs-vhs_weight=0.0-seed3"].method.vhs_weight == 0
+    bare = tmp_path / "bare.yaml"
+    bare.write_text("grids: [{}]")
+    assert plan_runs(bare, read_sweep(bare, ["task=task3"]), 1)[0].config.task == "task3"
+
+
+@pytest.mark.parametrize(
+    ("assignment", "message"),
+    [("seed=3", "seeds stand in `seeds`"), ("train.gamma", "--set: expected key=value"), ("=3", "--set")],
+)
+def test_keys_of_the_command_line_that_a_sweep_cannot_take(
+    assignment: str, message: str, tmp_path: Path
+) -> None:
+    plan(tmp_path, GRIDS)
+    with pytest.raises(ConfigError, match=message):
+        read_sweep(tmp_path / "sweep.yaml", [assignment])
+
+
 def test_the_command_of_a_run_makes_its_configuration(tmp_path: Path) -> None:
     for run in plan(tmp_path, GRIDS + "  - grid: {env.room: [{stride_m: 1.0e-05}], task: [task3]}\n"):
         options = _parser().parse_args(["train", *run.arguments])

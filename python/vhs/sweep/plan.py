@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from vhs.config import Config, explain, known_keys, nest, read_yaml, resolve_config
+from vhs.config import Config, explain, known_keys, nest, parse_assignment, read_yaml, resolve_config
 from vhs.errors import ConfigError
 from vhs.variants import describe_keys, differing_keys, flat_config
 
@@ -94,14 +94,17 @@ class PlannedRun:
     """Of ``vhs train``, without ``--out``."""
 
 
-def read_sweep(path: Path) -> Sweep:
-    """Read a sweep file.
+def read_sweep(path: Path, overrides: Iterable[str] = ()) -> Sweep:
+    """Read a sweep file; each ``key=value`` of the overrides goes over its `set`, and under its grids.
 
     Raises:
         ConfigError: a file that cannot be read, an unknown key (the nearest one is named), a wrong value.
     """
+    tree, assigned = read_yaml(path), dict(map(parse_assignment, overrides))
+    if assigned and isinstance(tree.setdefault("set", {}), dict):
+        tree["set"] |= assigned
     try:
-        return Sweep.model_validate(read_yaml(path))
+        return Sweep.model_validate(tree)
     except ValidationError as error:
         keys = [*known_keys(Sweep), *known_keys(GridSection, "grids.")]
         raise ConfigError(f"{path}: {explain(error, keys)}") from None

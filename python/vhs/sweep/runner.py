@@ -31,7 +31,14 @@ _POLL_S = 0.2
 _DISPLAY_S = 2.0
 
 
-def sweep(path: Path, out: Path, jobs: int | None = None, stream: TextIO | None = None) -> int:
+def sweep(
+    path: Path,
+    out: Path,
+    jobs: int | None = None,
+    stream: TextIO | None = None,
+    *,
+    overrides: Sequence[str] = (),
+) -> int:
     """Train and evaluate every run of a sweep file that is not finished yet.
 
     Args:
@@ -39,17 +46,18 @@ def sweep(path: Path, out: Path, jobs: int | None = None, stream: TextIO | None 
         out: directory of the runs; what they print goes to `logs/` in it.
         jobs: runs side by side, each on an equal share of the cores; None takes one core a run.
         stream: where a person reads along; standard output by default.
+        overrides: ``key=value``, over the keys that the file sets and under those of its grids.
 
     Returns:
         0 when all runs are finished, 1 when some failed, 130 when a signal stopped the sweep.
 
     Raises:
-        ConfigError: the sweep file or `jobs` cannot be used; nothing was started.
+        ConfigError: the sweep file, `jobs` or `overrides` cannot be used; nothing was started.
         CheckpointError: a directory holds another configuration's run; nothing was started.
         OutputError: `out` cannot be written, or another sweep is at work in it.
     """
     slots = share_cores(_available_cores(), jobs)
-    content = read_sweep(path)
+    content = read_sweep(path, overrides)
     workers = sys.platform.startswith("linux")
     runs = plan_runs(path, content, len(slots[0]) if workers else 1)
     for run in runs:
