@@ -140,7 +140,7 @@ class RunLog:
         os.fsync(self._file.fileno())
 
     def say(self, text: str) -> None:
-        """Tell the person something that is no row; that nobody reads (``vhs train | head``) stops nothing."""
+        """Tell the person something that is no row; nobody reading (``vhs train | head``) is no error."""
         if self._console.is_terminal:
             self._console.print(text, highlight=False)
         elif not self._is_unread:
