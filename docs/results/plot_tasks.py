@@ -1,7 +1,7 @@
 """Draw success of summarised runs: `python docs/results/plot_tasks.py IN.json PICTURE.png`.
 
-On the left VHS on the three tasks, on the right every method on Task 2; runs that differ by seed alone are a
-mean and, from the lowest to the highest, a band.
+VHS on the three tasks, every method on Task 2, and there what changes when failures are relabelled otherwise
+or the goal is a word; runs that differ by seed alone are a mean and, from the lowest to the highest, a band.
 """
 
 import json
@@ -22,6 +22,16 @@ PAPER_VHS = {"task1": 0.914, "task2": 0.920, "task3": 0.895}
 """Final success rates in the paper's table."""
 TASKS = {"task1": "#0072b2", "task2": "#1b7f4d", "task3": "#d55e00"}
 METHODS = {"vhs": "#1b7f4d", "pg": "#cc79a7", "gdan": "#e69f00", "gcsl": "#56b4e9", "a3c": "#7f8c8d"}
+ABLATIONS = {
+    "vhs": ("vhs: failures, probability 0.8", "#1b7f4d"),
+    "vhs-relabel_probability=0.4": ("probability 0.4", "#56b4e9"),
+    "vhs-relabel_probability=0.6": ("probability 0.6", "#0072b2"),
+    "vhs-relabel_probability=1.0": ("probability 1", "#08306b"),
+    "vhs-relabel_on=timeout": ("timeouts", "#e69f00"),
+    "vhs-relabel_on=failure+timeout": ("failures and timeouts", "#d55e00"),
+    "pg": ("none: pg", "#cc79a7"),
+    "pg-embedding=word": ("none, goal as a word", "#7f8c8d"),
+}
 
 Curves = dict[tuple[str, str], list[np.ndarray[Any, Any]]]
 
@@ -30,17 +40,21 @@ def draw(records: Path, picture: Path) -> None:
     """Read the curves of `records`, called TASK-METHOD-...-seedN, and write `picture`."""
     curves: Curves = defaultdict(list)
     for name, run in json.loads(records.read_text(encoding="utf-8")).items():
-        task, method = name.split("-")[:2]
-        curves[task, method].append(np.array([(row[0], row[2]) for row in run["curve"]]))
-    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.2), layout="constrained", sharey=True)
+        task, _, variant = name.rpartition("-seed")[0].partition("-")
+        curves[task, variant].append(np.array([(row[0], row[2]) for row in run["curve"]]))
+    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(16, 4.4), layout="constrained", sharey=True)
     for task, colour in TASKS.items():
         _band(left, curves[task, "vhs"], f"Task {task[-1]}", colour)
         left.axhline(PAPER_VHS[task], color=colour, linewidth=0.7, linestyle=":")
     for method, colour in METHODS.items():
-        _band(right, curves["task2", method], method, colour)
+        # What a method is told of its goal is in the name where it is not a prototype.
+        _band(middle, curves["task2", method] or curves["task2", f"{method}-embedding=word"], method, colour)
+    for variant, (label, colour) in ABLATIONS.items():
+        _band(right, curves["task2", variant], label, colour)
     left.set(title="VHS (dotted: in the paper)", ylabel="success in training, mean of 1,000 episodes")
-    right.set(title="Task 2")
-    for axes in (left, right):
+    middle.set(title="Task 2: methods")
+    right.set(title="Task 2: what is relabelled")
+    for axes in (left, middle, right):
         axes.set(xlabel="episodes", ylim=(0, 1), xlim=(0, None))
         axes.legend(loc="lower right", frameon=False)
         axes.spines[["top", "right"]].set_visible(False)

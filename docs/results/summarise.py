@@ -1,12 +1,15 @@
 """Keep what matters of runs as small JSON: `python docs/results/summarise.py OUT.json RUN...`.
 
-For each run its command, commit and machine (`run.json`), and its curve: of every 1,000 episodes
-the mean success, failure and timeout rate, policy entropy in nats, minutes so far and mean steps a second.
+For each run its command, commit and machine (`run.json`), its evaluations (`eval.json`), and its curve: of
+every 1,000 episodes (`--every`) the mean success, failure and timeout rate, policy entropy in nats, minutes so
+far and mean steps a second.
 """
 
 import argparse
 import json
 from pathlib import Path
+
+from vhs.eval import read_evaluations
 
 COLUMNS = {
     "success": "rate/success",
@@ -31,7 +34,12 @@ def summarise(run: Path, every: int) -> dict[str, object]:
             )
             group = []
     made = json.loads((run / "run.json").read_text(encoding="utf-8"))
-    return {**made, "columns": ["episodes", "minutes", *COLUMNS], "curve": curve}
+    evaluations = [
+        {key: round(value, 4) if isinstance(value, float) else value for key, value in entry.items()}
+        for entry in read_evaluations(run)
+    ]
+    columns = ["episodes", "minutes", *COLUMNS]
+    return {**made, "evaluations": evaluations, "columns": columns, "curve": curve}
 
 
 def main() -> None:

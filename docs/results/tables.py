@@ -1,0 +1,77 @@
+"""Print the tables of docs/results.md: `python docs/results/tables.py IN.json`, which `summarise.py` made.
+
+First where each run's mean success over 2,000 training episodes reaches a rate, as sharp as the log with
+`--every 500`; then mean and standard deviation over the seeds of each configuration's evaluations.
+"""
+
+import json
+import sys
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vhs.eval.compare import WINDOW
+from vhs.eval.metrics import first_row_at_rate
+
+RATES = (0.743, 0.90, 0.92, 0.95)
+
+
+def milestones(records: dict[str, Any]) -> str:
+    """Episodes and minutes to each rate, and the mean of the last 5,000 episodes."""
+    lines = ["| run | episodes | 74.3 % | 90 % | 92 % | 95 % | last 5,000 |", "|---|---|---|---|---|---|---|"]
+    for name, run in records.items():
+        curve = np.array(run["curve"])
+        episodes, minutes, success = curve[:, 0].astype(np.int64), curve[:, 1], curve[:, 2]
+        cells = [name, f"{episodes[-1]:,}"]
+        for rate in RATES:
+            row = first_row_at_rate(episodes, success, rate, WINDOW)
+            cells.append("not reached" if row is None else f"{episodes[row]:,}, {minutes[row]:.1f} min")
+        cells.append(f"{success[episodes > episodes[-1] - 5_000].mean():.1%}")
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def evaluations(records: dict[str, Any]) -> str:
+    """Success, outcomes and SPL of each configuration, task and way of acting: a value a seed of training."""
+    groups: dict[tuple[str, str, str], list[dict[str, float]]] = defaultdict(list)
+    for name, run in records.items():
+        by_way: dict[str, list[dict[str, float]]] = defaultdict(list)
+        for entry in run["evaluations"]:
+            if entry["trained_episodes"] == run["curve"][-1][0]:
+                by_way["greedy" if entry["greedy"] else "sampled"].append(entry)
+        for way, entries in by_way.items():
+            rooms = ", ".join(str(entry["seed"]) for entry in entries)
+            means = {
+                key: float(np.mean([entry[key] for entry in entries]))
+                for key in ("success", "failure", "timeout", "spl")
+            }
+            groups[name.rpartition("-seed")[0], way, rooms].append(means)
+    lines = [
+        "| configuration | actions | rooms | seeds | success | failure | timeout | SPL |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for (name, way, rooms), runs in groups.items():
+        cells = [name, way, rooms, str(len(runs)), _mean(runs, "success", 100, " %")]
+        cells += [
+            _mean(runs, "failure", 100, " %"),
+            _mean(runs, "timeout", 100, " %"),
+            _mean(runs, "spl", 1, ""),
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _mean(runs: list[dict[str, float]], key: str, factor: float, unit: str) -> str:
+    values = np.array([run[key] for run in runs]) * factor
+    digits = 1 if unit else 3
+    deviation = f" ± {values.std(ddof=1):.{digits}f}" if len(values) > 1 else ""
+    return f"{values.mean():.{digits}f}{deviation}{unit}"
+
+
+if __name__ == "__main__":
+    if len(sys.argv) != 2:
+        sys.exit("usage: python docs/results/tables.py IN.json")
+    read = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
+    print(milestones(read), evaluations(read), sep="\n\n")
