@@ -1,8 +1,8 @@
 """Keep what matters of runs as small JSON: `python docs/results/summarise.py OUT.json RUN...`.
 
 For each run its command, commit and machine (`run.json`), its evaluations (`eval.json`), and its curve: of
-every 1,000 episodes (`--every`) the mean success, failure and timeout rate, policy entropy in nats, minutes so
-far and mean steps a second.
+every 1,000 episodes (`--every`) the mean success, failure and timeout rate, policy entropy in nats, minutes
+so far and mean steps a second.
 """
 
 import argparse
