@@ -1,7 +1,7 @@
 """Hypothesis profiles: `HYPOTHESIS_PROFILE=thorough` searches longer, the default is quick and repeatable.
 
-Also loads triton before any test opens an OpenGL context (see `vhs.envs.opengl`), and leaves torch one thread,
-as `vhs train` does: two that spin for each other take seven times as long when another process is busy.
+Also loads triton before any test opens an OpenGL context (see `vhs.envs.opengl`), and leaves torch one
+thread, as `vhs train` does: two that spin for each other take seven times as long beside a busy process.
 """
 
 import os
