@@ -51,12 +51,12 @@ def draw(records: Path, picture: Path) -> None:
         _band(middle, curves["task2", method] or curves["task2", f"{method}-embedding=word"], method, colour)
     for variant, (label, colour) in ABLATIONS.items():
         _band(right, curves["task2", variant], label, colour)
-    left.set(title="VHS (dotted: in the paper)", ylabel="success in training, mean of 1,000 episodes")
+    left.set(title="VHS (dotted: in the paper)", ylabel="success in training")
     middle.set(title="Task 2: methods")
     right.set(title="Task 2: what is relabelled")
     for axes in (left, middle, right):
         axes.set(xlabel="episodes", ylim=(0, 1), xlim=(0, None))
-        axes.legend(loc="lower right", frameon=False)
+        axes.legend(loc="lower right", framealpha=0.85, edgecolor="none", fontsize=9)
         axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(picture, dpi=110)
 

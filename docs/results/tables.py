@@ -16,6 +16,8 @@ from vhs.eval.compare import WINDOW
 from vhs.eval.metrics import first_row_at_rate
 
 RATES = (0.743, 0.90, 0.92, 0.95)
+ROOMS = (0, 1, 2)
+"""Seeds of the evaluations to count: others chose between agents."""
 
 
 def milestones(records: dict[str, Any]) -> str:
@@ -39,7 +41,7 @@ def evaluations(records: dict[str, Any]) -> str:
     for name, run in records.items():
         by_way: dict[str, list[dict[str, float]]] = defaultdict(list)
         for entry in run["evaluations"]:
-            if entry["trained_episodes"] == run["curve"][-1][0]:
+            if entry["trained_episodes"] == run["curve"][-1][0] and entry["seed"] in ROOMS:
                 by_way["greedy" if entry["greedy"] else "sampled"].append(entry)
         for way, entries in by_way.items():
             rooms = ", ".join(str(entry["seed"]) for entry in entries)
