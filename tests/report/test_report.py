@@ -82,10 +82,12 @@ def test_several_runs_make_bands_over_seeds(bare: Path, page_of_one: Path, tmp_p
 def test_runs_of_several_configurations_are_told_apart(bare: Path, tmp_path: Path) -> None:
     shutil.copytree(bare / "run", bare / "other")
     config = bare / "other" / "config.yaml"
-    config.write_text(config.read_text().replace("relabel_probability: 0.8", "relabel_probability: 0.4"))
+    text = config.read_text().replace("relabel_probability: 0.8", "relabel_probability: 0.4")
+    text = text.replace("relabel_on:\n  - failure\n", "relabel_on:\n  - failure\n  - timeout\n")
+    config.write_text(text)
     page = parse(report(bare, tmp_path / "page.html"))
     curves = section_text(page, "curves")
-    assert "VHS, relabel_probability 0.4" in curves
+    assert "VHS, relabel_probability 0.4, relabel_on failure+timeout" in curves
     assert "(one seed)" in curves
 
 

@@ -121,10 +121,11 @@ def _settings(config: Config) -> dict[str, str]:
 
 
 def flatten(tree: Row, prefix: str = "") -> dict[str, str]:
-    """A nested mapping by dotted keys, values as text."""
+    """A nested mapping by dotted keys, values as text, those of a list as ``failure+timeout``."""
     flat: dict[str, str] = {}
     for key, value in tree.items():
-        flat |= flatten(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key: str(value)}
+        text = "+".join(map(str, value)) if isinstance(value, list) else str(value)
+        flat |= flatten(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key: text}
     return flat
 
 
