@@ -31,7 +31,15 @@ def differing_keys(variants: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def describe_keys(flat: Mapping[str, Any], keys: Iterable[str]) -> list[str]:
     """``["relabel_probability=0.4", "relabel_on=failure+timeout"]``: fit for a table and a file name."""
-    return [f"{_short(key)}={_shown(flat.get(key))}" for key in keys]
+    return [f"{_short(key)}={describe_value(flat.get(key))}" for key in keys]
+
+
+def describe_value(value: Any) -> str:
+    """A value as one word; a list as ``failure+timeout``."""
+    if isinstance(value, list | tuple):
+        return "+".join(map(describe_value, value)) or "none"
+    text = "null" if value is None else str(value)
+    return re.sub(r"[^\w.+-]", "_", text)
 
 
 def _short(key: str) -> str:
@@ -39,10 +47,3 @@ def _short(key: str) -> str:
     leaf = key.rpartition(".")[2]
     leaves = Counter(known.rpartition(".")[2] for known in known_keys())
     return leaf if leaves[leaf] == 1 else key
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, list | tuple):
-        return "+".join(map(_shown, value)) or "none"
-    text = "null" if value is None else str(value)
-    return re.sub(r"[^\w.+-]", "_", text)

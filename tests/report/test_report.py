@@ -87,7 +87,7 @@ def test_runs_of_several_configurations_are_told_apart(bare: Path, tmp_path: Pat
     config.write_text(text)
     page = parse(report(bare, tmp_path / "page.html"))
     curves = section_text(page, "curves")
-    assert "VHS, relabel_probability 0.4, relabel_on failure+timeout" in curves
+    assert "VHS, relabel_probability=0.4, relabel_on=failure+timeout" in curves
     assert "(one seed)" in curves
 
 

@@ -14,6 +14,7 @@ from vhs.errors import CheckpointError
 from vhs.train.checkpoint import has_checkpoint
 from vhs.train.directory import CONFIG_NAME, MAY_CHANGE, META_NAME, read_config
 from vhs.train.log import LOG_NAME
+from vhs.variants import describe_keys, differing_keys, flat_config
 
 Row = dict[str, Any]
 
@@ -79,9 +80,9 @@ def find_runs(path: Path) -> list[Run]:
 
 def group_runs(runs: Sequence[Run]) -> list[Group]:
     """Put runs of one configuration together, whatever their seed; in order of task and label."""
-    by_key: dict[tuple[Any, ...], list[Run]] = {}
+    by_key: dict[str, list[Run]] = {}
     for run in runs:
-        key = (run.name,) if run.config is None else tuple(sorted(_settings(run.config).items()))
+        key = run.name if run.config is None else json.dumps(_settings(run.config), sort_keys=True)
         by_key.setdefault(key, []).append(run)
     groups = [Group(_label(members, runs), _task(members[0]), tuple(members)) for members in by_key.values()]
     repeated = Counter((group.task, group.label) for group in groups)
@@ -98,35 +99,24 @@ def _task(run: Run) -> str:
 
 
 def _label(members: Sequence[Run], runs: Sequence[Run]) -> str:
-    """The method, and where it departs from the defaults in what the runs of its task do not share."""
+    """The method, and where it departs from the defaults in what its runs of this task do not share."""
     config = members[0].config
     if config is None:
         return members[0].name
-    peers = [_settings(r.config) for r in runs if r.config is not None and r.config.task == config.task]
-    mine, plain = _settings(config), _settings(Config())
-    differing = [
-        f"{key.rpartition('.')[2]} {value}"
-        for key, value in mine.items()
-        if key not in ("task", "method.name")
-        and value != plain.get(key)
-        and any(p.get(key) != value for p in peers)
+    peers = [
+        _settings(run.config)
+        for run in runs
+        if run.config is not None
+        and (run.config.task, run.config.method.name) == (config.task, config.method.name)
     ]
-    return ", ".join([config.method.name.upper(), *differing])
+    mine, plain = _settings(config), _settings(Config())
+    changed = [key for key in differing_keys(peers) if mine.get(key) != plain.get(key)]
+    return ", ".join([config.method.name.upper(), *describe_keys(mine, changed)])
 
 
-def _settings(config: Config) -> dict[str, str]:
+def _settings(config: Config) -> dict[str, Any]:
     """Every setting that tells two runs apart, seed and bookkeeping left out, by dotted key."""
-    flat = flatten(config.model_dump(mode="json"))
-    return {key: value for key, value in flat.items() if key != "seed" and key not in MAY_CHANGE}
-
-
-def flatten(tree: Row, prefix: str = "") -> dict[str, str]:
-    """A nested mapping by dotted keys, values as text, those of a list as ``failure+timeout``."""
-    flat: dict[str, str] = {}
-    for key, value in tree.items():
-        text = "+".join(map(str, value)) if isinstance(value, list) else str(value)
-        flat |= flatten(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key: text}
-    return flat
+    return {k: value for k, value in flat_config(config).items() if k != "seed" and k not in MAY_CHANGE}
 
 
 def _is_run(path: Path) -> bool:

@@ -7,7 +7,8 @@ from xml.sax.saxutils import escape
 
 from vhs.config import Config, dump_config
 from vhs.report.page import Section, missing, table
-from vhs.report.runs import Run, flatten
+from vhs.report.runs import Run
+from vhs.variants import describe_value, flat_config
 
 
 def setup_section(runs: Sequence[Run], shown: Run) -> Section:
@@ -41,8 +42,12 @@ def _notes(runs: Sequence[Run]) -> str:
 
 def _departures(config: Config) -> str:
     """Settings that are not the defaults."""
-    mine, plain = (flatten(c.model_dump(mode="json")) for c in (config, Config()))
-    rows = [(key, value, plain.get(key, "-")) for key, value in mine.items() if value != plain.get(key)]
+    mine, plain = flat_config(config), flat_config(Config())
+    rows = [
+        (key, describe_value(value), describe_value(plain.get(key)))
+        for key, value in mine.items()
+        if value != plain.get(key)
+    ]
     if not rows:
         return '<p class="note">Every setting is the default.</p>'
     return "<h3>Settings that are not the default</h3>" + table(
