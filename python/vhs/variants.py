@@ -29,6 +29,18 @@ def differing_keys(variants: Sequence[Mapping[str, Any]]) -> list[str]:
     return [key for key in keys if any(v.get(key) != variants[0].get(key) for v in variants[1:])]
 
 
+def label(variant: Mapping[str, Any], variants: Sequence[Mapping[str, Any]]) -> str:
+    """``vhs relabel_on=timeout``: the method, and where it departs from the defaults.
+
+    Only keys count in which `variants` of that method differ, so that the plain method is called by its name.
+    """
+    method = variant["method.name"]
+    keys = differing_keys([other for other in variants if other["method.name"] == method])
+    plain = flat_config(Config())
+    changed = [key for key in keys if variant.get(key) != plain.get(key)]
+    return " ".join([method, *describe_keys(variant, changed)])
+
+
 def describe_keys(flat: Mapping[str, Any], keys: Iterable[str]) -> list[str]:
     """``["relabel_probability=0.4", "relabel_on=failure+timeout"]``: fit for a table and a file name."""
     return [f"{_short(key)}={describe_value(flat.get(key))}" for key in keys]

@@ -36,9 +36,14 @@ class Protocol:
     sets: tuple[tuple[int, int], ...]
 
     def describe(self) -> str:
-        """For a person: ``300 episodes in the rooms of seed 0, actions sampled``."""
+        """For a person: ``300 episodes in the rooms of each of the seeds 0, 1, actions sampled``."""
+        seeds_by_episodes: dict[int, list[str]] = {}
+        for seed, episodes in self.sets:
+            seeds_by_episodes.setdefault(episodes, []).append(str(seed))
         rooms = " and ".join(
-            f"{episodes} episodes in the rooms of seed {seed}" for seed, episodes in self.sets
+            f"{episodes} episodes in the rooms of "
+            + (f"seed {seeds[0]}" if len(seeds) == 1 else f"each of the seeds {', '.join(seeds)}")
+            for episodes, seeds in seeds_by_episodes.items()
         )
         return f"{rooms}, {'likeliest actions' if self.greedy else 'actions sampled'}"
 

@@ -17,7 +17,7 @@ from vhs.errors import CheckpointError, ComparisonError
 from vhs.eval.record import EVALUATIONS_NAME, read_evaluations
 from vhs.train.directory import CONFIG_NAME, MAY_CHANGE, META_NAME, read_config
 from vhs.train.log import LOG_NAME, read_log
-from vhs.variants import describe_keys, differing_keys, flat_config
+from vhs.variants import flat_config, label
 
 IGNORED = (MAY_CHANGE - {"train.episodes"}) | {"seed"}
 """Keys in which the runs of a group may differ: the seed, and what changes nothing that is learned."""
@@ -106,7 +106,8 @@ def load_runs(paths: Sequence[Path]) -> list[Run]:
 def group_runs(runs: Sequence[Run]) -> list[Group]:
     """Put runs that differ by seed alone together, in the order in which they come.
 
-    A label is the method's name, with the keys in which groups of that method differ.
+    A label is the method's name, with what sets the group apart from others of that method and from the
+    defaults.
 
     Raises:
         ComparisonError: two runs have the same configuration and seed.
@@ -119,15 +120,9 @@ def group_runs(runs: Sequence[Run]) -> list[Group]:
         variants[identity] = variant
         groups.setdefault(identity, []).append(run)
     return [
-        Group(_label(variants[identity], list(variants.values())), _by_seed(members))
+        Group(label(variants[identity], list(variants.values())), _by_seed(members))
         for identity, members in groups.items()
     ]
-
-
-def _label(variant: Mapping[str, Any], variants: Sequence[Mapping[str, Any]]) -> str:
-    method = variant["method.name"]
-    keys = differing_keys([other for other in variants if other["method.name"] == method])
-    return " ".join([method, *describe_keys(variant, keys)])
 
 
 def _by_seed(runs: Sequence[Run]) -> list[Run]:

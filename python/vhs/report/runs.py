@@ -14,7 +14,7 @@ from vhs.errors import CheckpointError
 from vhs.train.checkpoint import has_checkpoint
 from vhs.train.directory import CONFIG_NAME, MAY_CHANGE, META_NAME, read_config
 from vhs.train.log import LOG_NAME
-from vhs.variants import describe_keys, differing_keys, flat_config
+from vhs.variants import flat_config, label
 
 Row = dict[str, Any]
 
@@ -99,19 +99,13 @@ def _task(run: Run) -> str:
 
 
 def _label(members: Sequence[Run], runs: Sequence[Run]) -> str:
-    """The method, and where it departs from the defaults in what its runs of this task do not share."""
+    """The method as the paper writes it, and what sets it apart from others of this task."""
     config = members[0].config
     if config is None:
         return members[0].name
-    peers = [
-        _settings(run.config)
-        for run in runs
-        if run.config is not None
-        and (run.config.task, run.config.method.name) == (config.task, config.method.name)
-    ]
-    mine, plain = _settings(config), _settings(Config())
-    changed = [key for key in differing_keys(peers) if mine.get(key) != plain.get(key)]
-    return ", ".join([config.method.name.upper(), *describe_keys(mine, changed)])
+    peers = [_settings(run.config) for run in runs if run.config and run.config.task == config.task]
+    method, *changed = label(_settings(config), peers).split()
+    return ", ".join([method.upper(), *changed])
 
 
 def _settings(config: Config) -> dict[str, Any]:
