@@ -43,6 +43,7 @@ def test_every_task_trains_and_logs(task: str, tmp_path: Path) -> None:
     assert list((tmp_path / "run" / "tensorboard").iterdir())
     meta = json.loads((tmp_path / "run" / "run.json").read_text())
     assert meta["version"]
+    assert meta["precision"] in ("float32", "bfloat16")
 
 
 def test_same_seed_same_weights(tmp_path: Path) -> None:

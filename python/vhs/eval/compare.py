@@ -242,7 +242,12 @@ def _notes(groups: Sequence[Group]) -> Iterator[str]:
         if run.trained_episodes < logged:
             yield f"`{run.path}` has gone on to {logged:,} episodes since its evaluation."
     makings = {
-        (run.made_by.get("machine"), run.config.env.num_workers, run.config.train.threads) for run in runs
+        (
+            *map(run.made_by.get, ("machine", "precision")),
+            run.config.env.num_workers,
+            run.config.train.threads,
+        )
+        for run in runs
     }
     if len(makings) > 1:
-        yield "The runs differ in machine, workers or threads: their minutes do not compare."
+        yield "The runs differ in machine, precision, workers or threads: their minutes do not compare."

@@ -25,14 +25,13 @@ def setup_section(runs: Sequence[Run], shown: Run) -> Section:
 
 
 def _provenance(runs: Sequence[Run]) -> str:
+    keys = ("command", "commit", "version", "time", "machine", "precision")
     rows = []
     for run in runs:
         seed = "?" if run.config is None else str(run.config.seed)
-        told = [str(run.meta.get(key) or "?") for key in ("command", "commit", "version", "time", "machine")]
-        rows.append((run.name, *told, seed))
-    return table(
-        ("run", "command", "commit", "version", "started (UTC)", "machine", "seed"), rows, numbers_from=6
-    )
+        rows.append((run.name, *(str(run.meta.get(key) or "?") for key in keys), seed))
+    shown = ["started (UTC)" if key == "time" else key for key in keys]
+    return table(("run", *shown, "seed"), rows, numbers_from=1 + len(keys))
 
 
 def _notes(runs: Sequence[Run]) -> str:

@@ -63,8 +63,13 @@ def check_run(config: Config, run: Path) -> None:
 
 
 @contextmanager
-def open_run(config: Config, run: Path) -> Iterator[None]:
+def open_run(config: Config, run: Path, *, precision: str) -> Iterator[None]:
     """Make the directory, say in it what makes the run, remove what a kill left half-written, and hold it.
+
+    Args:
+        config: what the run is made with.
+        run: its directory.
+        precision: type in which this machine's convolutions multiply.
 
     Raises:
         CheckpointError: the directory cannot be written, or another process trains in it.
@@ -81,7 +86,7 @@ def open_run(config: Config, run: Path) -> Iterator[None]:
             for temporary in run.glob("*.tmp"):
                 temporary.unlink()
             _write(run / CONFIG_NAME, dump_config(config))
-            _write(run / META_NAME, json.dumps(describe(), indent=2) + "\n")
+            _write(run / META_NAME, json.dumps(describe() | {"precision": precision}, indent=2) + "\n")
         except OSError as error:
             raise _cannot_write(run, error) from error
         yield

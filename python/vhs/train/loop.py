@@ -14,7 +14,14 @@ import torch
 
 from vhs.config import Config
 from vhs.train.actor import Actor
-from vhs.train.build import check_runnable, make_buffer, make_envs, make_learner, make_rooms
+from vhs.train.build import (
+    check_runnable,
+    convolution_dtype,
+    make_buffer,
+    make_envs,
+    make_learner,
+    make_rooms,
+)
 from vhs.train.checkpoint import fitting, has_checkpoint, load_checkpoint, save_checkpoint
 from vhs.train.directory import check_run, open_run
 from vhs.train.interrupt import stop_on_signal
@@ -60,7 +67,7 @@ def train(config: Config, run: Path, stream: TextIO | None = None) -> bool:
     session = _Session(config, run)
     with (
         closing(session),
-        open_run(config, run),
+        open_run(config, run, precision=str(convolution_dtype(config)).removeprefix("torch.")),
         RunLog(
             run,
             config.train.episodes,
