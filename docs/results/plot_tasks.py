@@ -1,7 +1,7 @@
 """Draw success of summarised runs: `python docs/results/plot_tasks.py IN.json PICTURE.png`.
 
-VHS on the three tasks, every method on Task 2, and there what changes when failures are relabelled otherwise
-or the goal is a word; runs that differ by seed alone are a mean and, from the lowest to the highest, a band.
+Every method on each of the three tasks, and on Task 2 what changes when failures are relabelled otherwise or
+the goal is a word; runs that differ by seed alone are a mean and, from the lowest to the highest, a band.
 """
 
 import json
@@ -20,7 +20,6 @@ from matplotlib.axes import Axes
 
 PAPER_VHS = {"task1": 0.914, "task2": 0.920, "task3": 0.895}
 """Final success rates in the paper's table."""
-TASKS = {"task1": "#0072b2", "task2": "#1b7f4d", "task3": "#d55e00"}
 METHODS = {"vhs": "#1b7f4d", "pg": "#cc79a7", "gdan": "#e69f00", "gcsl": "#56b4e9", "a3c": "#7f8c8d"}
 ABLATIONS = {
     "vhs": ("vhs: failures, probability 0.8", "#1b7f4d"),
@@ -42,22 +41,24 @@ def draw(records: Path, picture: Path) -> None:
     for name, run in json.loads(records.read_text(encoding="utf-8")).items():
         task, _, variant = name.rpartition("-seed")[0].partition("-")
         curves[task, variant].append(np.array([(row[0], row[2]) for row in run["curve"]]))
-    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(16, 4.4), layout="constrained", sharey=True)
-    for task, colour in TASKS.items():
-        _band(left, curves[task, "vhs"], f"Task {task[-1]}", colour)
-        left.axhline(PAPER_VHS[task], color=colour, linewidth=0.7, linestyle=":")
-    for method, colour in METHODS.items():
-        # What a method is told of its goal is in the name where it is not a prototype.
-        _band(middle, curves["task2", method] or curves["task2", f"{method}-embedding=word"], method, colour)
+    figure, grid = plt.subplots(2, 2, figsize=(13, 8.6), layout="constrained", sharey=True)
+    *tasks, ablations = grid.flat
+    for (task, paper), axes in zip(PAPER_VHS.items(), tasks, strict=True):
+        for method, colour in METHODS.items():
+            # What a method is told of its goal is in the name where it is not a prototype.
+            runs = curves[task, method] or curves[task, f"{method}-embedding=word"]
+            _band(axes, runs, method, colour)
+        axes.axhline(paper, color=METHODS["vhs"], linewidth=0.8, linestyle=":")
+        axes.set(title=f"Task {task[-1]} (dotted: VHS in the paper)")
     for variant, (label, colour) in ABLATIONS.items():
-        _band(right, curves["task2", variant], label, colour)
-    left.set(title="VHS (dotted: in the paper)", ylabel="success in training")
-    middle.set(title="Task 2: methods")
-    right.set(title="Task 2: what is relabelled")
-    for axes in (left, middle, right):
+        _band(ablations, curves["task2", variant], label, colour)
+    ablations.set(title="Task 2: what is relabelled")
+    for axes in grid.flat:
         axes.set(xlabel="episodes", ylim=(0, 1), xlim=(0, None))
-        axes.legend(loc="lower right", framealpha=0.85, edgecolor="none", fontsize=9)
+        axes.legend(loc="best", framealpha=0.85, edgecolor="none", fontsize=9)
         axes.spines[["top", "right"]].set_visible(False)
+    for axes in grid[:, 0]:
+        axes.set(ylabel="success in training")
     figure.savefig(picture, dpi=110)
 
 

@@ -1,7 +1,8 @@
 """Print the tables of docs/results.md: `python docs/results/tables.py IN.json`, which `summarise.py` made.
 
-First where each run's mean success over 2,000 training episodes reaches a rate, as sharp as the log with
-`--every 500`; then mean and standard deviation over the seeds of each configuration's evaluations.
+First success of the five methods on the three tasks, beside the paper's; then where each run's mean success
+over 2,000 training episodes reaches a rate, as sharp as the log with `--every 500`; then mean and standard
+deviation over the seeds of each configuration's evaluations.
 """
 
 import json
@@ -18,6 +19,32 @@ from vhs.eval.metrics import first_row_at_rate
 RATES = (0.743, 0.90, 0.92, 0.95)
 ROOMS = (0, 1, 2)
 """Seeds of the evaluations to count: others chose between agents."""
+PAPER = {
+    "vhs": (91.4, 92.0, 89.5),
+    "pg": (90.6, 89.6, 31.8),
+    "gdan-embedding=word": (87.2, 74.3, 13.3),
+    "a3c-embedding=word": (23.1, 15.5, 4.2),
+    "gcsl": (7.5, 8.7, 4.2),
+}
+"""Success in the paper's table on Tasks 1, 2 and 3, %."""
+
+Groups = dict[tuple[str, str, str], list[dict[str, float]]]
+"""Configuration, way of acting and rooms: the means of each of its runs."""
+
+
+def comparison(groups: Groups) -> str:
+    """Success with sampled actions beside the paper's."""
+    lines = [
+        "| | Task 1 | in the paper | Task 2 | in the paper | Task 3 | in the paper |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for method, papers in PAPER.items():
+        cells = [method.partition("-")[0].upper()]
+        for task, paper in enumerate(papers, 1):
+            runs = groups.get((f"task{task}-{method}", "sampled", ", ".join(map(str, ROOMS))))
+            cells += [f"{_mean(runs, 'success', 100, ' %')} ({len(runs)})" if runs else "", f"{paper} %"]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
 
 
 def milestones(records: dict[str, Any]) -> str:
@@ -35,21 +62,26 @@ def milestones(records: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def evaluations(records: dict[str, Any]) -> str:
-    """Success, outcomes and SPL of each configuration, task and way of acting: a value a seed of training."""
-    groups: dict[tuple[str, str, str], list[dict[str, float]]] = defaultdict(list)
+def evaluated(records: dict[str, Any]) -> Groups:
+    """Group the evaluations of runs that differ by seed alone."""
+    groups: Groups = defaultdict(list)
     for name, run in records.items():
         by_way: dict[str, list[dict[str, float]]] = defaultdict(list)
         for entry in run["evaluations"]:
             if entry["trained_episodes"] == run["curve"][-1][0] and entry["seed"] in ROOMS:
                 by_way["greedy" if entry["greedy"] else "sampled"].append(entry)
         for way, entries in by_way.items():
-            rooms = ", ".join(str(entry["seed"]) for entry in entries)
+            rooms = ", ".join(str(entry["seed"]) for entry in sorted(entries, key=lambda e: e["seed"]))
             means = {
                 key: float(np.mean([entry[key] for entry in entries]))
                 for key in ("success", "failure", "timeout", "spl")
             }
             groups[name.rpartition("-seed")[0], way, rooms].append(means)
+    return groups
+
+
+def evaluations(groups: Groups) -> str:
+    """Success, outcomes and SPL of each configuration, task and way of acting."""
     lines = [
         "| configuration | actions | rooms | seeds | success | failure | timeout | SPL |",
         "|---|---|---|---|---|---|---|---|",
@@ -76,4 +108,5 @@ if __name__ == "__main__":
     if len(sys.argv) != 2:
         sys.exit("usage: python docs/results/tables.py IN.json")
     read = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
-    print(milestones(read), evaluations(read), sep="\n\n")
+    groups = evaluated(read)
+    print(comparison(groups), milestones(read), evaluations(groups), sep="\n\n")
