@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -72,10 +73,24 @@ def find_runs(path: Path) -> list[Run]:
         raise CheckpointError(f"{path}: expected the directory of a run or of several, found no directory")
     if _is_run(path):
         return [_read(path, path.resolve().name)]
-    found = sorted({p.parent for name in (LOG_NAME, CONFIG_NAME) for p in path.rglob(name)})
+    found = sorted(_runs_below(path))
     if not found:
         raise CheckpointError(f"{path}: expected {CONFIG_NAME} or {LOG_NAME} in it or below, found neither")
     return [_read(run, str(run.relative_to(path))) for run in found]
+
+
+def _runs_below(path: Path) -> Iterator[Path]:
+    """Directories of runs, also behind links; each counts once, and no run holds another."""
+    seen = set()
+    for directory, below, _ in os.walk(path, followlinks=True):
+        place = Path(directory)
+        if place.resolve() in seen:
+            below.clear()
+        elif _is_run(place):
+            below.clear()
+            yield place
+        below.sort()
+        seen.add(place.resolve())
 
 
 def group_runs(runs: Sequence[Run]) -> list[Group]:

@@ -1,0 +1,27 @@
+"""Which directories a report takes for runs."""
+
+from pathlib import Path
+
+from vhs.report.runs import find_runs
+
+
+def make_run(path: Path) -> None:
+    path.mkdir(parents=True)
+    (path / "log.jsonl").write_text('{"episodes": 500, "rate/success": 0.5}\n')
+
+
+def test_runs_at_any_depth_are_found_in_order(tmp_path: Path) -> None:
+    for name in ("sweep/b", "sweep/a", "single"):
+        make_run(tmp_path / name)
+    (tmp_path / "sweep" / "logs").mkdir()
+    assert [run.name for run in find_runs(tmp_path)] == ["single", "sweep/a", "sweep/b"]
+
+
+def test_links_are_followed_and_a_run_counts_once(tmp_path: Path) -> None:
+    make_run(tmp_path / "disk" / "long")
+    runs = tmp_path / "runs"
+    make_run(runs / "here")
+    (runs / "again").symlink_to(runs / "here")
+    (runs / "there").symlink_to(tmp_path / "disk")
+    (runs / "there" / "back").symlink_to(runs)
+    assert [run.name for run in find_runs(runs)] == ["again", "there/long"]
