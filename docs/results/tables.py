@@ -1,8 +1,8 @@
 """Print the tables of docs/results.md: `python docs/results/tables.py IN.json`, which `summarise.py` made.
 
-First success of the five methods on the three tasks, beside the paper's; then where each run's mean success
-over 2,000 training episodes reaches a rate, as sharp as the log with `--every 500`; then mean and standard
-deviation over the seeds of each configuration's evaluations.
+First success of the five methods on the three tasks, beside the paper's; then where the mean success over
+2,000 training episodes reaches a rate, as sharp as the log with `--every 500`; then the evaluations. Mean and
+standard deviation over the seeds of each configuration.
 """
 
 import json
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vhs.eval.compare import WINDOW
 from vhs.eval.metrics import first_row_at_rate
@@ -48,18 +49,28 @@ def comparison(groups: Groups) -> str:
 
 
 def milestones(records: dict[str, Any]) -> str:
-    """Episodes and minutes to each rate, and the mean of the last 5,000 episodes."""
-    lines = ["| run | episodes | 74.3 % | 90 % | 92 % | 95 % | last 5,000 |", "|---|---|---|---|---|---|---|"]
+    """Episodes to each rate, mean success of the last 5,000 episodes, minutes of each whole run."""
+    groups: dict[str, list[NDArray[np.float64]]] = defaultdict(list)
     for name, run in records.items():
-        curve = np.array(run["curve"])
-        episodes, minutes, success = curve[:, 0].astype(np.int64), curve[:, 1], curve[:, 2]
-        cells = [name, f"{episodes[-1]:,}"]
-        for rate in RATES:
-            row = first_row_at_rate(episodes, success, rate, WINDOW)
-            cells.append("not reached" if row is None else f"{episodes[row]:,}, {minutes[row]:.1f} min")
-        cells.append(f"{success[episodes > episodes[-1] - 5_000].mean():.1%}")
-        lines.append(f"| {' | '.join(cells)} |")
+        groups[name.rpartition("-seed")[0]].append(np.array(run["curve"], dtype=np.float64))
+    rates = " | ".join(f"{rate:.1%}" for rate in RATES)
+    lines = [f"| configuration | seeds | {rates} | last 5,000 | minutes |", "|---" * (5 + len(RATES)) + "|"]
+    for name, curves in groups.items():
+        cells = [name, str(len(curves)), *(_reached(curves, rate) for rate in RATES)]
+        late = [{"success": float(c[c[:, 0] > c[-1, 0] - 5_000, 2].mean())} for c in curves]
+        minutes = " / ".join(f"{curve[-1, 1]:.0f}" for curve in curves)
+        lines.append(f"| {' | '.join([*cells, _mean(late, 'success', 100, ' %'), minutes])} |")
     return "\n".join(lines)
+
+
+def _reached(curves: list[NDArray[np.float64]], rate: float) -> str:
+    """Episodes to a rate: mean and deviation over the seeds, or how many of them reached it."""
+    rows = [first_row_at_rate(curve[:, 0].astype(np.int64), curve[:, 2], rate, WINDOW) for curve in curves]
+    reached = np.array([c[row, 0] for c, row in zip(curves, rows, strict=True) if row is not None])
+    if len(reached) < len(curves):
+        return f"{len(reached)} of {len(curves)} seeds" if len(reached) else "not reached"
+    deviation = f" ± {reached.std(ddof=1):,.0f}" if len(reached) > 1 else ""
+    return f"{reached.mean():,.0f}{deviation}"
 
 
 def evaluated(records: dict[str, Any]) -> Groups:
