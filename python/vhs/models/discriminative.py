@@ -32,7 +32,9 @@ class DiscriminativeAgent(GoalAgent):
         self.memory = nn.Sequential(nn.Linear(feature_dim + hidden_dim, 2 * hidden_dim), nn.ReLU())
         self.query = nn.Sequential(nn.Linear(hidden_dim, hidden_dim), nn.ReLU())
         self.key = nn.Sequential(nn.Linear(hidden_dim, hidden_dim), nn.ReLU())
-        self.fuse = nn.Sequential(nn.Linear(2 * hidden_dim, hidden_dim), nn.Tanh())
+        self.fuse = nn.Sequential(
+            nn.Linear(2 * hidden_dim, hidden_dim), nn.LayerNorm(hidden_dim), nn.Tanh()
+        )
 
     def discriminate(self, features: Tensor) -> Tensor:
         """Unnormalised log-probabilities of the goal classes, shape [..., num_goals], from f(o)."""
