@@ -48,7 +48,8 @@ def test_the_attention_is_tanh_of_query_and_key_times_value(agent: Discriminativ
         query = (agent.query[0].weight @ seen + agent.query[0].bias).clamp(min=0)
         key = (agent.key[0].weight @ kept[:12] + agent.key[0].bias).clamp(min=0)
         attended = torch.cat([torch.tanh(query + key) * kept[12:], hidden[0, 0]])
-        expected = torch.tanh(agent.fuse[0].weight @ attended + agent.fuse[0].bias)
+        fused = agent.fuse[0].weight @ attended + agent.fuse[0].bias
+        expected = torch.tanh((fused - fused.mean()) / (fused.var(correction=0) + 1e-5).sqrt())
     torch.testing.assert_close(found, expected)
 
 

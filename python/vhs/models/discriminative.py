@@ -32,9 +32,7 @@ class DiscriminativeAgent(GoalAgent):
         self.memory = nn.Sequential(nn.Linear(feature_dim + hidden_dim, 2 * hidden_dim), nn.ReLU())
         self.query = nn.Sequential(nn.Linear(hidden_dim, hidden_dim), nn.ReLU())
         self.key = nn.Sequential(nn.Linear(hidden_dim, hidden_dim), nn.ReLU())
-        self.fuse = nn.Sequential(
-            nn.Linear(2 * hidden_dim, hidden_dim), nn.LayerNorm(hidden_dim), nn.Tanh()
-        )
+        self.fuse = nn.Sequential(nn.Linear(2 * hidden_dim, hidden_dim), nn.LayerNorm(hidden_dim), nn.Tanh())
 
     def discriminate(self, features: Tensor) -> Tensor:
         """Unnormalised log-probabilities of the goal classes, shape [..., num_goals], from f(o)."""
@@ -44,8 +42,8 @@ class DiscriminativeAgent(GoalAgent):
     def _attend(self, features: Tensor, gated: Tensor, hidden: Tensor) -> Tensor:
         """tanh(query + key) * value beside the LSTM's hidden state, fused to its size and its range.
 
-        The range matters: `value` has no bound, and heads that read one grew their logits until the policy
-        was deterministic and nothing more was learned.
+        Norm and tanh matter: `value` has no bound, and with a ReLU here, or without the norm, the policy
+        became deterministic within a few hundred episodes and learned nothing more.
         """
         query = self.recognise(features).detach()
         key, value = self.memory(torch.cat([gated, hidden], dim=-1)).chunk(2, dim=-1)
