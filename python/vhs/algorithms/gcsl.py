@@ -20,7 +20,7 @@ class GCSL(VHS):
     """Supervised learning of the actions of relabelled episodes: no reward, no critic, no entropy bonus."""
 
     def _episode_losses(self, agent: GoalAgent, share: Share, features: Tensor) -> dict[str, Tensor]:
-        """The policy term of L_VHS alone, weighed as there, so that VHS differs by RL and the critic."""
+        """The policy term of L_VHS alone, with its weight; every step counts alike, as in Ghosh et al."""
         batch, hindsight = share.batch, share.hindsight
         selected = np.flatnonzero(hindsight.selected)
         if not len(selected):
