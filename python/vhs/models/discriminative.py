@@ -42,8 +42,8 @@ class DiscriminativeAgent(GoalAgent):
     def _attend(self, features: Tensor, gated: Tensor, hidden: Tensor) -> Tensor:
         """tanh(query + key) * value beside the LSTM's hidden state, fused to its size and its range.
 
-        Norm and tanh matter: `value` has no bound, and with a ReLU here, or without the norm, the policy
-        became deterministic within a few hundred episodes and learned nothing more.
+        Norm and tanh help: `value` has no bound, and with a ReLU here, or without the norm, the policy became
+        deterministic within a few hundred episodes and learned nothing more. With both it still may.
         """
         query = self.recognise(features).detach()
         key, value = self.memory(torch.cat([gated, hidden], dim=-1)).chunk(2, dim=-1)
