@@ -77,9 +77,10 @@ def evaluated(records: dict[str, Any]) -> Groups:
     """Group the evaluations of runs that differ by seed alone."""
     groups: Groups = defaultdict(list)
     for name, run in records.items():
+        newest = max(entry["trained_episodes"] for entry in run["evaluations"])
         by_way: dict[str, list[dict[str, float]]] = defaultdict(list)
         for entry in run["evaluations"]:
-            if entry["trained_episodes"] == run["curve"][-1][0] and entry["seed"] in ROOMS:
+            if entry["trained_episodes"] == newest and entry["seed"] in ROOMS:
                 by_way["greedy" if entry["greedy"] else "sampled"].append(entry)
         for way, entries in by_way.items():
             rooms = ", ".join(str(entry["seed"]) for entry in sorted(entries, key=lambda e: e["seed"]))
