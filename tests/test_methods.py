@@ -20,6 +20,13 @@ def test_a_name_alone_is_a_whole_configuration(name: str) -> None:
     assert f"embedding: {config.method.embedding}" in dump_config(config)
 
 
+def test_a_method_has_its_own_learning_rate_unless_one_is_given() -> None:
+    assert load_config([], ["method.name=gdan"]).train.learning_rate == 3e-4
+    assert load_config([], ["method.name=gdan", "train.gamma=0.9"]).train.learning_rate == 3e-4
+    assert load_config([], ["train.learning_rate=5e-4", "method.name=gdan"]).train.learning_rate == 5e-4
+    assert load_config([], ["method.name=pg"]).train.learning_rate == load_config().train.learning_rate
+
+
 @pytest.mark.parametrize(
     ("assignments", "message"),
     [

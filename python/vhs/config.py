@@ -139,7 +139,7 @@ class TrainSection(_Section):
     their gradients are averaged. Two use two cores (paper: 5 asynchronous processes)."""
     learning_rate: PositiveFloat = 5e-4
     """Adam with AMSGrad, at the start (paper: 1e-4 for one episode an update; at 1e-3 trained policies
-    collapse)."""
+    collapse); the method's own unless given."""
     learning_rate_end: PositiveFloat | None = 2e-5
     """Learning rate from `schedule_episodes` on, reached linearly; null keeps `learning_rate` (paper)."""
     schedule_episodes: PositiveInt = 30_000
@@ -183,6 +183,16 @@ class Config(_Section):
     model: ModelSection = Field(default_factory=ModelSection)
     method: MethodSection = Field(default_factory=MethodSection)
     train: TrainSection = Field(default_factory=TrainSection)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _own_learning_rate(cls, given: Any) -> Any:
+        match given:
+            case {"method": {"name": str(name)}} if name in METHODS and METHODS[name].learning_rate:
+                train = given.get("train", {})
+                if isinstance(train, dict):
+                    return given | {"train": {"learning_rate": METHODS[name].learning_rate} | train}
+        return given
 
     @model_validator(mode="after")
     def _workers_share_rooms(self) -> Config:

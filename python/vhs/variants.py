@@ -7,12 +7,17 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from vhs.config import Config, known_keys
+from vhs.config import Config, known_keys, resolve_config
 
 
 def flat_config(config: Config) -> dict[str, Any]:
     """Dotted key to plain value, for every key of a configuration."""
     return flatten(config.model_dump(mode="json"))
+
+
+def plain_method(name: str) -> dict[str, Any]:
+    """The flat configuration of a method by its own defaults."""
+    return flat_config(resolve_config([{"method": {"name": name}}]))
 
 
 def flatten(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -30,13 +35,13 @@ def differing_keys(variants: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def label(variant: Mapping[str, Any], variants: Sequence[Mapping[str, Any]]) -> str:
-    """``vhs relabel_on=timeout``: the method, and where it departs from the defaults.
+    """``vhs relabel_on=timeout``: the method, and where it departs from its defaults.
 
     Only keys count in which `variants` of that method differ, so that the plain method is called by its name.
     """
     method = variant["method.name"]
     keys = differing_keys([other for other in variants if other["method.name"] == method])
-    plain = flat_config(Config())
+    plain = plain_method(method)
     changed = [key for key in keys if variant.get(key) != plain.get(key)]
     return " ".join([method, *describe_keys(variant, changed)])
 

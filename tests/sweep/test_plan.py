@@ -1,6 +1,7 @@
 """Sweep files: what they ask for, by which names, and what they may not say."""
 
 import re
+import textwrap
 from pathlib import Path
 
 import pytest
@@ -86,6 +87,26 @@ def test_a_configuration_that_two_grids_ask_for_is_one_run(tmp_path: Path) -> No
         "task2-vhs-relabel_probability=0.4-seed0",
         "task2-vhs-seed0",
         "task2-vhs-vhs_weight=0.5-seed0",
+    ]
+
+
+def test_a_run_is_named_by_what_its_grid_changes_and_not_by_the_defaults_of_its_method(
+    tmp_path: Path,
+) -> None:
+    text = """
+        set: {method.relabel_probability: 0}
+        grids:
+          - grid: {method.name: [vhs, gdan]}
+          - set: {method.relabel_probability: 0.8}
+            grid: {method.name: [gcsl]}
+          - set: {train.learning_rate: 0.0005}
+            grid: {method.name: [vhs, gdan]}
+    """
+    assert [run.name for run in plan(tmp_path, textwrap.dedent(text))] == [
+        "task2-vhs-seed0",
+        "task2-gdan-seed0",
+        "task2-gcsl-relabel_probability=0.8-seed0",
+        "task2-gdan-learning_rate=0.0005-seed0",
     ]
 
 

@@ -129,7 +129,8 @@ def plan_runs(path: Path, sweep: Sweep, cores_per_run: int) -> list[PlannedRun]:
         config = _resolve(trees, keys | {"env.num_workers": 0}, f"{path}: {where}")
         keys |= {"env.num_workers": _workers(config.env.num_envs, cores_per_run), "train.threads": 1}
         config = _resolve(trees, keys, f"{path}: {where}")
-        run = PlannedRun(_name(plain, config), config, _arguments(bases, keys))
+        name = _name(_plain_method(trees, sweep.set, config.method.name) or plain, config)
+        run = PlannedRun(name, config, _arguments(bases, keys))
         if runs.setdefault(run.name, run).config != config:
             raise ConfigError(f"{path}: {where}: another run is called {run.name} too")
     return list(runs.values())
@@ -156,6 +157,14 @@ def _resolve(trees: list[dict[str, Any]], keys: Mapping[str, Any], where: str) -
         return resolve_config([*trees, *(nest(key, value) for key, value in keys.items())])
     except ConfigError as error:
         raise ConfigError(f"{where}: {error}") from error
+
+
+def _plain_method(trees: list[dict[str, Any]], keys: Mapping[str, Any], method: str) -> Config | None:
+    """A method without the keys of any grid; None where it is none without them."""
+    try:
+        return resolve_config([*trees, *(nest(*item) for item in keys.items()), nest("method.name", method)])
+    except ConfigError:
+        return None
 
 
 def _name(plain: Config, config: Config) -> str:
