@@ -7,6 +7,7 @@ Hindsight Self-Imitation Learning for Interactive Navigation"; what departs from
 
 from __future__ import annotations
 
+import copy
 import difflib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -250,7 +251,7 @@ def resolve_config(trees: Iterable[Mapping[str, Any]]) -> Config:
     """
     tree: dict[str, Any] = {}
     for overlay in trees:
-        _merge(tree, overlay)
+        _merge(tree, copy.deepcopy(overlay))
     try:
         return Config.model_validate(tree)
     except ValidationError as error:
@@ -310,7 +311,7 @@ def _merge(tree: dict[str, Any], overlay: Mapping[str, Any]) -> None:
         if isinstance(present, dict) and isinstance(value, Mapping):
             _merge(present, value)
         else:
-            tree[key] = dict(value) if isinstance(value, Mapping) else value
+            tree[key] = value
 
 
 def explain(error: ValidationError, keys: Sequence[str]) -> str:

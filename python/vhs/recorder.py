@@ -112,6 +112,7 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         """The critic's value at the newest observation, where there is a critic; set it before `step`."""
         self.last_id: int | None = None
         """Id of the newest episode that this environment finished."""
+        self._steps = 0
         self._reader = reader or reader_of(env.observation_space)
         self._judge = judge or default_outcome
         self._first_action = int(getattr(env.action_space, "start", 0))
@@ -181,14 +182,15 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
 def default_outcome(reward: float, terminated: bool, truncated: bool, info: dict[str, Any]) -> Outcome:
     """What the environment says, in the first of these ways that it has.
 
-    `info["outcome"]`, a name; `info["is_success"]` or `info["success"]`; terminated with a positive reward is
-    a success, with another a failure; the rest is a timeout.
+    `info["outcome"]`, a name; `info["is_success"]` or `info["success"]`, without which a terminated episode
+    is a failure; terminated with a positive reward is a success, with another a failure; the rest is a
+    timeout.
     """
     if "outcome" in info:
         return Outcome.from_name(info["outcome"])
     for word in ("is_success", "success"):
-        if info.get(word):
-            return Outcome.SUCCESS
+        if word in info:
+            return Outcome.SUCCESS if info[word] else Outcome.FAILURE if terminated else Outcome.TIMEOUT
     if terminated:
         return Outcome.SUCCESS if reward > 0 else Outcome.FAILURE
     return Outcome.TIMEOUT
@@ -219,7 +221,7 @@ def make_buffer(
     reader: GoalReader | None = None,
     num_streams: int = 1,
     frame_stack: int = 1,
-    num_goals: int = 1,
+    num_goals: int | None = None,
     num_interactions: int = 0,
     backing: str | PathLike[str] = "memory",
     seed: int = 0,
@@ -233,7 +235,7 @@ def make_buffer(
         reader: As for `HindsightRecorder`.
         num_streams: Environments that will feed the buffer.
         frame_stack: Frames in one observation.
-        num_goals: Goal classes, where an instruction names one.
+        num_goals: Goal classes, where an instruction names one; None: those of the space's "goal", else 1.
         num_interactions: Interactions, where an instruction names one: the environment's last actions.
         backing: As for `EpisodeBuffer`.
         seed: Of the buffer's generator.
@@ -260,7 +262,7 @@ def make_buffer(
         max_episode_steps=limit,
         capacity_steps=capacity_steps,
         frame_stack=frame_stack,
-        num_goals=num_goals,
+        num_goals=_goal_classes(env.observation_space) if num_goals is None else num_goals,
         num_interactions=num_interactions,
         first_interaction_action=numbered - num_interactions,
         dtype=_stored(seen.frame.dtype),
@@ -269,6 +271,11 @@ def make_buffer(
         seed=seed,
         **vectors,
     )
+
+
+def _goal_classes(space: spaces.Space[Any]) -> int:
+    goal = space.spaces.get("goal") if isinstance(space, spaces.Dict) else None
+    return int(goal.start + goal.n) if isinstance(goal, spaces.Discrete) else 1
 
 
 def _actions(space: spaces.Space[Any]) -> tuple[int, int]:

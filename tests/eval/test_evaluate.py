@@ -1,13 +1,18 @@
 """SPL by hand, and the evaluation of an agent that cannot be evaluated."""
 
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from vhs.config import load_config
 from vhs.errors import CheckpointError
 from vhs.eval import evaluate
 from vhs.eval.evaluate import success_weighted_by_path_length
+from vhs.train import train
+
+DEBUG = Path(__file__).parents[2] / "configs" / "debug.yaml"
 
 
 def test_spl_by_hand() -> None:
@@ -16,6 +21,14 @@ def test_spl_by_hand() -> None:
     taken = np.array([8.0, 3.0, 5.0, 4.0])
     # 4/8 + 1 + 0 + at most 1, over 4 episodes
     assert success_weighted_by_path_length(success, optimal, taken) == pytest.approx(2.5 / 4)
+
+
+def test_rooms_without_a_plan_within_the_horizon_are_left_out_of_spl(tmp_path: Path) -> None:
+    config = load_config([DEBUG], ["train.episodes=4", "env.room.horizon_steps=4"])
+    train(config, tmp_path / "run", StringIO())
+    result = evaluate(tmp_path / "run", episodes=20)
+    assert 0 < result.optimal_steps <= 4
+    assert 0 <= result.spl <= 1
 
 
 def test_a_run_without_a_checkpoint_is_a_clear_error(tmp_path: Path) -> None:

@@ -177,12 +177,29 @@ def test_a_function_reads_what_no_rule_knows() -> None:
         (0.5, True, {}, vhs.Outcome.SUCCESS),
         (0.0, True, {}, vhs.Outcome.FAILURE),
         (0.5, False, {"is_success": 0.0}, vhs.Outcome.TIMEOUT),
+        (0.5, True, {"is_success": False}, vhs.Outcome.FAILURE),
     ],
 )
 def test_outcomes_are_read_in_this_order(
     reward: float, terminated: bool, info: dict[str, Any], outcome: vhs.Outcome
 ) -> None:
     assert default_outcome(reward, terminated, not terminated, info) is outcome
+
+
+def test_a_new_recorder_goes_on_with_a_stream_whose_episode_is_open() -> None:
+    buffer = make_buffer(Line(), capacity_steps=60, max_episode_steps=6)
+    HindsightRecorder(Line(), buffer).reset(seed=0)
+    env = HindsightRecorder(Line(), buffer)
+    play(env, 2)
+    assert len(buffer) == 2
+
+
+def test_the_number_of_goals_is_read_off_the_space() -> None:
+    env = gymnasium.make("vhs/InteractiveObjectNav-v0")
+    buffer = make_buffer(env, capacity_steps=60, max_episode_steps=20, num_interactions=1)
+    recorder = HindsightRecorder(env, buffer)
+    assert {recorder.reset(seed=seed)[0]["goal"] for seed in range(8)} > {0, 4}
+    env.close()
 
 
 def test_spaces_that_no_buffer_can_hold_are_refused() -> None:

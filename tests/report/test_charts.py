@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vhs.report.command import _title
-from vhs.report.curves import _line
+from vhs.report.curves import _charts, _colours, _line
 from vhs.report.runs import Group, Run, final_mean
 from vhs.report.svg import Axes, Line, line_chart, nice_ticks, spread
 from vhs.report.tracks import wilson_interval
@@ -44,6 +44,24 @@ def test_one_seed_has_no_band() -> None:
     line = _line(Group("VHS", "Task 2", (run_of((10, 0.2), (20, 0.4)),)), "rate/success", "VHS", "red")
     assert line is not None
     assert line.low is None
+
+
+def test_variants_have_a_chart_of_their_own_beside_their_method() -> None:
+    names = ("A3C", "PG", "PG, embedding=word", "VHS", "VHS, relabel_on=timeout")
+    first, second = [Group(name, "Task 2", ()) for name in names], [Group("VHS", "Task 3", ())]
+    assert [(name, [group.label for group in groups]) for name, groups in _charts(first + second)] == [
+        ("Task 2", ["A3C", "PG", "VHS"]),
+        ("Task 2, variants", ["PG", "VHS", "PG, embedding=word", "VHS, relabel_on=timeout"]),
+        ("Task 3", ["VHS"]),
+    ]
+    assert [(name, len(groups)) for name, groups in _charts(first[3:])] == [("Task 2", 2)]
+
+
+def test_a_method_has_one_colour_whatever_else_a_page_shows_of_a_task() -> None:
+    names = ("VHS, relabel_on=timeout", "VHS", "A3C")
+    colours = _colours([Group(name, "Task 2", ()) for name in names] + [Group("VHS", "Task 3", ())])
+    assert list(colours) == ["A3C", "VHS", "VHS, relabel_on=timeout"]
+    assert len(set(colours.values())) == 3
 
 
 def test_the_final_rate_weighs_rows_by_their_episodes() -> None:

@@ -43,6 +43,14 @@ def assert_same(ours: Any, theirs: Any) -> None:
         assert np.asarray(ours).dtype == np.asarray(theirs).dtype
 
 
+def test_the_seed_of_the_pool_is_that_of_the_first_episodes_too() -> None:
+    first = []
+    for _ in range(2):
+        with RolloutVectorEnv(cart_pole, 1, 2, seed=7) as env:
+            first.append(env.reset()[0])
+    np.testing.assert_array_equal(*first)
+
+
 @pytest.mark.parametrize("env_fn", [cart_pole, pendulum, blackjack, Ledger])
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_every_step_equals_gymnasiums(env_fn: Any, mode: str) -> None:

@@ -81,6 +81,16 @@ def test_the_command_of_a_run_makes_its_configuration(tmp_path: Path) -> None:
     assert run.config.task == "task3"
 
 
+def test_what_a_grid_sets_inside_the_room_stays_in_its_runs(tmp_path: Path) -> None:
+    (tmp_path / "rooms.yaml").write_text("env: {room: {horizon_steps: 40}}\n")
+    runs = plan(
+        tmp_path,
+        """base: [rooms.yaml]
+grids: [{grid: {env.room.horizon_steps: [30]}}, {grid: {method.name: [pg]}}]""",
+    )
+    assert [run.config.env.room for run in runs] == [{"horizon_steps": 30}, {"horizon_steps": 40}]
+
+
 def test_a_configuration_that_two_grids_ask_for_is_one_run(tmp_path: Path) -> None:
     text = "grids: [{grid: {method.relabel_probability: [0.4, 0.8]}}, {grid: {method.vhs_weight: [0.5, 1]}}]"
     assert [run.name for run in plan(tmp_path, text)] == [

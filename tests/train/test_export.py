@@ -144,6 +144,13 @@ def test_an_agent_trained_elsewhere_acts_on_the_cpu(tmp_path: Path, run: Path) -
     assert load_agent(tmp_path / "agent").config.train.device == "cpu"
 
 
+def test_a_run_of_a_device_that_is_not_here_acts_on_the_cpu(tmp_path: Path, run: Path) -> None:
+    copy = shutil.copytree(run, tmp_path / "run")
+    text = (copy / "config.yaml").read_text()
+    (copy / "config.yaml").write_text(text.replace("device: auto", "device: cuda:99"))
+    assert load_agent(copy).config.train.device == "cpu"
+
+
 def truncate(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-100])
 

@@ -68,6 +68,22 @@ def test_a_finished_run_goes_on_when_more_episodes_are_asked_for(tmp_path: Path)
     assert rows[1]["updates"] == 20
 
 
+def test_what_made_a_run_is_kept_and_each_resumption_added(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    train(debug_config("train.episodes=4"), run, StringIO())
+    first = json.loads((run / "run.json").read_text())
+    (run / "run.json").write_text(json.dumps(first | {"commit": "of the first start"}))
+    for episodes in (8, 12):
+        train(debug_config(f"train.episodes={episodes}"), run, StringIO())
+    meta = json.loads((run / "run.json").read_text())
+    assert meta["commit"] == "of the first start"
+    assert [start["episodes"] for start in meta["resumed"]] == [4, 8]
+    assert meta["resumed"][0].keys() == first.keys() | {"episodes"}
+    (run / "run.json").write_text("{")
+    train(debug_config("train.episodes=16"), run, StringIO())
+    assert [start["episodes"] for start in json.loads((run / "run.json").read_text())["resumed"]] == [12]
+
+
 def test_another_configuration_is_refused_by_key(tmp_path: Path) -> None:
     run = tmp_path / "run"
     train(debug_config("train.episodes=4"), run, StringIO())

@@ -16,6 +16,7 @@ import torch
 from vhs.config import Config, load_config
 from vhs.errors import CheckpointError
 from vhs.train import train
+from vhs.train.directory import open_run
 from vhs.train.log import RunLog, read_log
 from vhs.train.loop import _Session
 
@@ -28,6 +29,22 @@ OFTEN = "train.checkpoint_every_s=1e-6"
 
 def configured(*overrides: str) -> Config:
     return load_config([DEBUG], [f"train.episodes={EPISODES}", "env.num_workers=0", *overrides])
+
+
+def test_a_checkpoint_that_another_process_made_since_is_not_gone_back_from(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    train(configured("train.episodes=4"), run, StringIO())
+    config = configured("train.episodes=12")
+    stale = _Session(config, run)
+    stale.close()
+    train(configured("train.episodes=8"), run, StringIO())
+    before = (run / "run.json").read_bytes(), (run / "config.yaml").read_bytes()
+    with (
+        pytest.raises(CheckpointError, match="another process has just trained here; start again"),
+        open_run(config, run, precision="float32", episodes=stale.progress.episodes),
+    ):
+        pass
+    assert before == ((run / "run.json").read_bytes(), (run / "config.yaml").read_bytes())
 
 
 def checkpoint(run: Path, episode: int) -> Path:

@@ -58,6 +58,25 @@ def test_a_killed_worker_is_announced_and_its_room_begins_anew() -> None:
         assert answers.streams.tolist() == [0, 1, 2, 3]
         assert answers.is_cut.tolist() == [True, True, False, False]
         assert answers.is_first.tolist() == [True, True, False, False]
+        # What a checkpoint needs to repeat them.
+        again = make_rooms(debug_config("env.num_workers=0"), 2)
+        again.reset([0, 1], answers.seeds[:2])
+        np.testing.assert_array_equal(again.recv().images, answers.images[:2])
+    finally:
+        rooms.close()
+
+
+def test_workers_leave_the_end_of_a_service_to_the_learner() -> None:
+    rooms = make_rooms(debug_config("env.num_workers=2"), 4)
+    assert isinstance(rooms, PooledRooms)
+    try:
+        rooms.reset(range(4), [1, 2, 3, 4])
+        rooms.recv()
+        for process in rooms._pool.pids:
+            assert process is not None
+            os.kill(process, signal.SIGTERM)
+        rooms.send(np.arange(4), np.ones(4, dtype=np.int64))
+        assert not rooms.recv().is_cut.any()
     finally:
         rooms.close()
 

@@ -242,12 +242,9 @@ def _notes(groups: Sequence[Group]) -> Iterator[str]:
         if run.trained_episodes < logged:
             yield f"`{run.path}` has gone on to {logged:,} episodes since its evaluation."
     makings = {
-        (
-            *map(run.made_by.get, ("machine", "precision")),
-            run.config.env.num_workers,
-            run.config.train.threads,
-        )
+        (start.get("machine"), start.get("precision"), run.config.env.num_workers, run.config.train.threads)
         for run in runs
+        for start in (run.made_by, *run.made_by.get("resumed", ()))
     }
     if len(makings) > 1:
         yield "The runs differ in machine, precision, workers or threads: their minutes do not compare."

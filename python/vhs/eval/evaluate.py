@@ -7,6 +7,7 @@ state.
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from itertools import islice
 from pathlib import Path
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from vhs import Outcome
 from vhs.config import Config
 from vhs.envs import optimal_steps
+from vhs.envs.oracle import NoPlanError
 from vhs.train.build import make_buffer, make_envs
 from vhs.train.log import summarise
 from vhs.train.rollout import EndedEpisode, Rollout, episode_seeds
@@ -34,11 +36,11 @@ class Evaluation:
     failure: float
     timeout: float
     spl: float
-    """Success weighted by optimal / taken steps."""
+    """Success weighted by optimal / taken steps, over the episodes that have a plan within the horizon."""
     steps: float
     """Mean actions an episode."""
     optimal_steps: float
-    """Mean actions of the oracle in the same episodes."""
+    """Mean actions of the oracle in those episodes."""
     episodes: int
     seed: int
     greedy: bool
@@ -65,6 +67,7 @@ def evaluate(run: Path, *, episodes: int = 300, seed: int = 0, greedy: bool = Fa
     torch.set_num_threads(trained.config.train.threads)
     ended = _play(trained, episodes=episodes, seed=seed, greedy=greedy)
     optimal = _optimal(trained.config, [episode.seed for episode in ended])
+    has_plan = np.isfinite(optimal)
     taken = np.array([episode.steps for episode in ended], dtype=np.float64)
     success = np.array([episode.outcome == Outcome.SUCCESS for episode in ended])
     rates = summarise(ended)
@@ -72,9 +75,9 @@ def evaluate(run: Path, *, episodes: int = 300, seed: int = 0, greedy: bool = Fa
         success=rates["success"],
         failure=rates["failure"],
         timeout=rates["timeout"],
-        spl=success_weighted_by_path_length(success, optimal, taken),
+        spl=success_weighted_by_path_length(success[has_plan], optimal[has_plan], taken[has_plan]),
         steps=rates["steps"],
-        optimal_steps=float(optimal.mean()),
+        optimal_steps=float(optimal[has_plan].mean()) if has_plan.any() else 0.0,
         episodes=episodes,
         seed=seed,
         trained_episodes=trained.trained_episodes,
@@ -86,7 +89,7 @@ def success_weighted_by_path_length(
     success: NDArray[np.bool_], optimal: NDArray[np.float64], taken: NDArray[np.float64]
 ) -> float:
     """SPL: the mean of success times optimal / max(taken, optimal), each of shape [episodes]."""
-    return float((success * optimal / np.maximum(taken, optimal)).mean())
+    return float((success * optimal / np.maximum(taken, optimal)).mean()) if len(success) else 0.0
 
 
 def _play(trained: TrainedAgent, *, episodes: int, seed: int, greedy: bool) -> list[EndedEpisode]:
@@ -104,10 +107,13 @@ def _play(trained: TrainedAgent, *, episodes: int, seed: int, greedy: bool) -> l
 
 
 def _optimal(config: Config, seeds: list[int]) -> NDArray[np.float64]:
-    """Length of the oracle's plan for each seed."""
+    """Length of the oracle's plan for each seed; infinite where none fits the horizon."""
     env = make_envs(config, 1)[0]
-    lengths = []
+    lengths: list[float] = []
     for seed in seeds:
         env.reset(seed=seed)
-        lengths.append(optimal_steps(env))
+        try:
+            lengths.append(optimal_steps(env))
+        except NoPlanError:
+            lengths.append(math.inf)
     return np.array(lengths, dtype=np.float64)

@@ -32,7 +32,7 @@ class Run:
     path: Path
     config: Config
     made_by: Mapping[str, Any]
-    """Command, version, commit, machine and time, as `run.json` has them."""
+    """Command, version, commit, machine and time of every start, as `run.json` has them."""
     episodes: NDArray[np.int64]
     """Episodes of training at the end of each row of the log, rising, shape [rows]."""
     success: NDArray[np.float64]

@@ -5,7 +5,7 @@ A curve is the mean over seeds, its band one standard deviation; of one seed the
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -45,7 +45,8 @@ _SMOOTHED_SHARE = 40
 
 def curve_section(groups: Sequence[Group]) -> Section:
     """Success over training, a chart a task, then how episodes end, a chart a group."""
-    cards = [chart for task, members in by_task(groups) for chart in _success_card(task, members)]
+    colours = _colours(groups)
+    cards = [chart for name, members in _charts(groups) for chart in _success_card(name, members, colours)]
     cards += [chart for group in groups for chart in _outcome_card(group)]
     if not cards:
         return Section("curves", "Learning curves", missing("no log with a row in it"))
@@ -53,14 +54,15 @@ def curve_section(groups: Sequence[Group]) -> Section:
     return Section("curves", "Learning curves", (_results(groups) if len(groups) > 1 else "") + body)
 
 
-def _success_card(task: str, members: Sequence[Group]) -> list[str]:
-    lines = _lines(members, "rate/success")
+def _success_card(name: str, members: Sequence[Group], colours: Mapping[str, str]) -> list[str]:
+    lines = _lines(members, "rate/success", colours)
     if not lines:
         return []
-    marks = tuple((f"paper {name}", rate) for name, rate in PAPER_SUCCESS.get(task, {}).items())
-    axes = Axes(f"{task}: success over training", is_share=True, has_labels=False, marks=marks)
-    names = _legend(members) if len(members) > 1 else ""
-    return [card(f"{task}: success", names + line_chart(axes, lines), _note(lines))]
+    paper = PAPER_SUCCESS.get(members[0].task, {})
+    marks = tuple((f"paper {method}", rate) for method, rate in paper.items())
+    axes = Axes(f"{name}: success over training", is_share=True, has_labels=False, marks=marks)
+    names = _legend(members, colours) if len(members) > 1 else ""
+    return [card(f"{name}: success", names + line_chart(axes, lines), _note(lines))]
 
 
 def _outcome_card(group: Group) -> list[str]:
@@ -85,39 +87,50 @@ def cost_section(groups: Sequence[Group]) -> Section:
     return Section("speed", "Steps and speed", _small_charts(groups, COSTS))
 
 
-def by_task(groups: Sequence[Group]) -> Iterator[tuple[str, list[Group]]]:
-    """Groups of each task."""
+def _charts(groups: Sequence[Group]) -> Iterator[tuple[str, list[Group]]]:
+    """What is drawn together, and its name: the groups of a task, variants of methods apart from methods."""
     for task in dict.fromkeys(group.task for group in groups):
-        yield task, [group for group in groups if group.task == task]
+        members = [group for group in groups if group.task == task]
+        plain = [group for group in members if not group.variant]
+        variants = [group for group in members if group.variant]
+        if len(plain) < 2 or not variants:
+            yield task, members
+        else:
+            varied = {group.method for group in variants}
+            yield task, plain
+            yield f"{task}, variants", [g for g in plain if g.method in varied] + variants
 
 
-def colour_of(index: int) -> str:
-    """The colour of a group; they repeat after eight."""
-    return f"var(--c{index % 8})"
+def _colours(groups: Sequence[Group]) -> dict[str, str]:
+    """A colour for each label, the same on every task; they repeat after eight, the methods first."""
+    plain = {group.label for group in groups if not group.variant}
+    ordered = sorted({group.label for group in groups}, key=lambda name: (name not in plain, name))
+    return {name: f"var(--c{index % 8})" for index, name in enumerate(ordered)}
 
 
 def _small_charts(groups: Sequence[Group], keys: dict[str, str]) -> str:
-    """A small chart a key and task, with one legend a task."""
+    """A small chart a key, with one legend for all of a task."""
     parts = []
-    for task, members in by_task(groups):
+    colours = _colours(groups)
+    for name, members in _charts(groups):
         cards = []
         for key, title in keys.items():
-            lines = _lines(members, key)
+            lines = _lines(members, key, colours)
             if lines:
-                axes = Axes(f"{task}: {title}", width=340, height=210, has_labels=False)
+                axes = Axes(f"{name}: {title}", width=340, height=210, has_labels=False)
                 cards.append(card(title, line_chart(axes, lines), ""))
         if cards:
-            head = f"<h3>{escape(task)}</h3>{_legend(members)}" if len(groups) > 1 else ""
+            head = f"<h3>{escape(name)}</h3>{_legend(members, colours)}" if len(groups) > 1 else ""
             parts.append(f'{head}<div class="grid small">{"".join(cards)}</div>')
     return "".join(parts) or missing("no log holds any of these")
 
 
-def _legend(members: Sequence[Group]) -> str:
-    return legend([(group.label, colour_of(index)) for index, group in enumerate(members)])
+def _legend(members: Sequence[Group], colours: Mapping[str, str]) -> str:
+    return legend([(group.label, colours[group.label]) for group in members])
 
 
-def _lines(groups: Sequence[Group], key: str) -> list[Line]:
-    found = (_line(group, key, group.label, colour_of(index)) for index, group in enumerate(groups))
+def _lines(groups: Sequence[Group], key: str, colours: Mapping[str, str]) -> list[Line]:
+    found = (_line(group, key, group.label, colours[group.label]) for group in groups)
     return [line for line in found if line is not None]
 
 

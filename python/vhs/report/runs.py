@@ -51,8 +51,19 @@ class Group:
     """Runs that differ in their seed alone."""
 
     label: str
+    """``VHS``, or ``VHS, relabel_on=timeout`` for a variant."""
     task: str
     runs: tuple[Run, ...]
+
+    @property
+    def method(self) -> str:
+        """The method as the paper writes it."""
+        return self.label.partition(", ")[0]
+
+    @property
+    def variant(self) -> str:
+        """What sets it apart from the plain method; empty for that."""
+        return self.label.partition(", ")[2]
 
 
 def final_mean(rows: Sequence[Row], key: str) -> float:

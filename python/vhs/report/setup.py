@@ -29,7 +29,11 @@ def _provenance(runs: Sequence[Run]) -> str:
     rows = []
     for run in runs:
         seed = "?" if run.config is None else str(run.config.seed)
-        rows.append((run.name, *(str(run.meta.get(key) or "?") for key in keys), seed))
+        starts = [run.meta, *run.meta.get("resumed", ())]
+        # A run that went on elsewhere says so; its command and its first time are enough.
+        told = {key: dict.fromkeys(str(start.get(key) or "?") for start in starts) for key in keys}
+        once = {key: next(iter(told[key])) for key in ("command", "time")}
+        rows.append((run.name, *(once.get(key) or ", ".join(told[key]) for key in keys), seed))
     shown = ["started (UTC)" if key == "time" else key for key in keys]
     return table(("run", *shown, "seed"), rows, numbers_from=1 + len(keys))
 

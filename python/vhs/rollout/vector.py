@@ -70,18 +70,18 @@ class RolloutVectorEnv(VectorEnv[Any, Any, Arrays]):
         """Begin an episode in every environment, or in those of `options["reset_mask"]`.
 
         Args:
-            seed: one for all (environment i gets `seed + i`), one each, or None to go on with their
-                generators.
+            seed: one for all (environment i gets `seed + i`), one each, or None for what the pool's own
+                `seed` gives, and without one to go on with their generators.
             options: passed to every environment, without "reset_mask".
 
         Returns:
             Observations, nested, each leaf [num_envs, ...]; infos as gymnasium collects them.
         """
-        seeds = _seeds(seed, self.num_envs)
+        seeds = None if seed is None else _seeds(seed, self.num_envs)
         options = None if options is None else dict(options)
         mask = None if options is None else options.pop("reset_mask", None)
         ids = np.arange(self.num_envs) if mask is None else np.flatnonzero(_mask(mask, self.num_envs))
-        self.pool.reset(ids, seeds=[seeds[env] for env in ids], options=options)
+        self.pool.reset(ids, seeds=seeds and [seeds[env] for env in ids], options=options)
         batch = self.pool.recv()
         infos: dict[str, Any] = {}
         for row, info in batch.infos.items():
@@ -165,9 +165,7 @@ class RolloutVectorEnv(VectorEnv[Any, Any, Arrays]):
         return self._nest.join(merged)
 
 
-def _seeds(seed: int | list[int | None] | None, num_envs: int) -> list[int | None]:
-    if seed is None:
-        return [None] * num_envs
+def _seeds(seed: int | list[int | None], num_envs: int) -> list[int | None]:
     if isinstance(seed, int | np.integer):
         return [int(seed) + env for env in range(num_envs)]
     if len(seed) != num_envs:

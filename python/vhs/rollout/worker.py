@@ -110,7 +110,9 @@ Answer = tuple[int, float, int, Info]
 
 def work(setup: Setup) -> None:
     """Be a worker until the pool closes; the target of the process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the learner's to handle
+    # Ctrl-C, and the end of a service or a batch job, go to every process and are the learner's to handle.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _leave_it)  # not ignored: what an environment starts would inherit that
     # A learner that was killed takes its workers with it, even from the middle of a step.
     RolloutWorker.end_with(setup.common.parent, setup.common.ends_by_signal)
     faulthandler.register(DUMP_SIGNAL, file=setup.stack_file.number, all_threads=True)
@@ -119,6 +121,10 @@ def work(setup: Setup) -> None:
         loop.run()
     finally:
         loop.close()
+
+
+def _leave_it(_signal: int, _frame: object) -> None:
+    """The learner closes its workers, and if it dies they end with it."""
 
 
 class _Loop:

@@ -60,6 +60,7 @@ def make_rooms(config: Config, count: int) -> Rooms:
         lambda: make_envs(config, 1)[0],
         workers,
         count // workers,
+        seed=config.seed,  # of the episodes that begin where a worker died
         autoreset="Disabled",
         on_error="raise",
     )
@@ -133,6 +134,21 @@ def convolution_dtype(config: Config) -> torch.dtype:
         fast = pick_device(config.train.device).type == "cuda" or _cpu_multiplies_bfloat16()
         precision = "bfloat16" if fast else "float32"
     return torch.bfloat16 if precision == "bfloat16" else torch.float32
+
+
+def to_act_here(config: Config) -> Config:
+    """The same configuration for acting: no workers, and the CPU where the device of training is missing."""
+    device = config.train.device
+    try:
+        torch.zeros((), device=pick_device(device))
+    except (RuntimeError, AssertionError):
+        device = "cpu"
+    return config.model_copy(
+        update={
+            "env": config.env.model_copy(update={"num_workers": 0}),
+            "train": config.train.model_copy(update={"device": device}),
+        }
+    )
 
 
 def check_runnable(config: Config) -> None:

@@ -16,7 +16,7 @@ from typing import Any, TextIO
 from vhs import __version__
 from vhs.config import Config, dump_config, load_config
 from vhs.errors import CheckpointError, ConfigError
-from vhs.train.checkpoint import remove_partial_checkpoints
+from vhs.train.checkpoint import newest_checkpoint, remove_partial_checkpoints
 from vhs.variants import differing_keys, flat_config
 
 CONFIG_NAME = "config.yaml"
@@ -63,16 +63,18 @@ def check_run(config: Config, run: Path) -> None:
 
 
 @contextmanager
-def open_run(config: Config, run: Path, *, precision: str) -> Iterator[None]:
+def open_run(config: Config, run: Path, *, precision: str, episodes: int) -> Iterator[None]:
     """Make the directory, say in it what makes the run, remove what a kill left half-written, and hold it.
 
     Args:
         config: what the run is made with.
         run: its directory.
         precision: type in which this machine's convolutions multiply.
+        episodes: of the checkpoint that the run goes on from; 0 for a new run.
 
     Raises:
-        CheckpointError: the directory cannot be written, or another process trains in it.
+        CheckpointError: the directory cannot be written, or another process trains in it or has gone on
+            since the checkpoint was read.
     """
     try:
         run.mkdir(parents=True, exist_ok=True)
@@ -82,14 +84,28 @@ def open_run(config: Config, run: Path, *, precision: str) -> Iterator[None]:
     with lock:
         _hold(lock, run)
         try:
+            if newest_checkpoint(run) != episodes:
+                raise CheckpointError(f"{run}: another process has just trained here; start again")
             remove_partial_checkpoints(run)
             for temporary in run.glob("*.tmp"):
                 temporary.unlink()
             _write(run / CONFIG_NAME, dump_config(config))
-            _write(run / META_NAME, json.dumps(describe() | {"precision": precision}, indent=2) + "\n")
+            meta = _meta(run, describe() | {"precision": precision}, episodes)
+            _write(run / META_NAME, json.dumps(meta, indent=2) + "\n")
         except OSError as error:
             raise _cannot_write(run, error) from error
         yield
+
+
+def _meta(run: Path, start: dict[str, Any], episodes: int) -> dict[str, Any]:
+    """What made the run first, and under `resumed` every later start, maybe of another machine or commit."""
+    if not episodes:
+        return start
+    try:
+        first = read_meta(run)
+    except CheckpointError:  # lost: the later starts are better than nothing
+        first = {}
+    return first | {"resumed": [*first.get("resumed", []), {"episodes": episodes, **start}]}
 
 
 def _hold(lock: TextIO, run: Path) -> None:
@@ -133,7 +149,7 @@ def is_exported(path: Path) -> bool:
 
 
 def read_meta(run: Path) -> dict[str, Any]:
-    """What made a run, as `describe` said when it was started last.
+    """What made a run: `describe` at its first start, and at every later one in the list ``resumed``.
 
     Raises:
         CheckpointError: the file is missing or damaged.

@@ -14,6 +14,7 @@ from pathlib import Path
 from vhs.config import Config, dump_config
 from vhs.errors import CheckpointError
 from vhs.train.agent_file import encode_agent
+from vhs.train.build import to_act_here
 from vhs.train.directory import AGENT_NAME, CONFIG_NAME, META_NAME, describe, is_exported, read_meta
 from vhs.train.trained import TrainedAgent, load_agent
 
@@ -58,7 +59,7 @@ def _fix_prototypes(trained: TrainedAgent) -> None:
 
 def _on_any_machine(config: Config) -> Config:
     """The same configuration, acting on the CPU that every machine has."""
-    return config.model_copy(update={"train": config.train.model_copy(update={"device": "cpu"})})
+    return to_act_here(config.model_copy(update={"train": config.train.model_copy(update={"device": "cpu"})}))
 
 
 def _check_free(directory: Path) -> None:

@@ -67,7 +67,12 @@ def train(config: Config, run: Path, stream: TextIO | None = None) -> bool:
     session = _Session(config, run)
     with (
         closing(session),
-        open_run(config, run, precision=str(convolution_dtype(config)).removeprefix("torch.")),
+        open_run(
+            config,
+            run,
+            precision=str(convolution_dtype(config)).removeprefix("torch."),
+            episodes=session.progress.episodes,
+        ),
         RunLog(
             run,
             config.train.episodes,

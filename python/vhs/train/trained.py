@@ -11,7 +11,7 @@ import torch
 from vhs.algorithms import VHS
 from vhs.config import Config
 from vhs.train.actor import Actor
-from vhs.train.build import check_runnable, make_envs, make_learner
+from vhs.train.build import check_runnable, make_envs, make_learner, to_act_here
 from vhs.train.checkpoint import fitting, load_checkpoint
 from vhs.train.directory import AGENT_NAME, is_exported, read_config
 
@@ -21,7 +21,7 @@ class TrainedAgent:
     """What acting needs: networks (`learner.agent`) and goal embeddings (`learner.embed_goal`)."""
 
     config: Config
-    """The configuration that trained it."""
+    """The configuration that trained it, but for workers and a device that is not here."""
     learner: VHS
     """Of an exported agent, goal store and optimiser are those of a learner at its beginning."""
     trained_episodes: int
@@ -43,7 +43,7 @@ def load_agent(path: Path) -> TrainedAgent:
         CheckpointError: neither is there, it is damaged, or it does not fit its own configuration.
         ConfigError: its configuration cannot run here.
     """
-    config = read_config(path)
+    config = to_act_here(read_config(path))
     check_runnable(config)
     with closing(make_envs(config, 1)[0]) as env:
         learner = make_learner(config, env)
