@@ -112,7 +112,7 @@ class GoalStore:
         Episodes with another outcome are skipped: what they reached is not known to the agent.
 
         Args:
-            buffer: Holds the episodes; its `observation_shape` must be that of the store.
+            buffer: Holds the episodes; its `observation_shape` must be that of the store, its `dtype` uint8.
             ids: int64 [B], of finished episodes; one that comes twice is stored twice.
 
         Returns:
@@ -120,6 +120,7 @@ class GoalStore:
 
         Raises:
             ShapeError: When the buffer's observations are of another shape.
+            ArgumentError: When they are not unsigned bytes.
             LabelError: When a goal of the buffer is not a class of the store.
             EpisodeError: When an id was evicted or never existed.
         """

@@ -217,3 +217,17 @@ def test_properties_say_what_the_buffer_was_built_from() -> None:
     assert (buffer.frame_stack, buffer.num_goals, buffer.num_interactions) == (2, 5, 3)
     assert buffer.first_interaction_action == 3
     assert repr(buffer) == "EpisodeBuffer(0 episodes, 0 of 14 steps)"
+
+
+def test_numbers_in_another_order_of_bytes_are_read_as_what_they_are() -> None:
+    swapped = np.dtype(np.float32).newbyteorder()
+    buffer = vhs.EpisodeBuffer(
+        (2,), num_streams=1, max_episode_steps=3, capacity_steps=30, frame_stack=1, dtype=np.float32
+    )
+    buffer.begin(0, np.array([1, 2], swapped), 0)
+    buffer.append(0, 0, 0.0, 0.0, np.array([3, 4], swapped))
+    np.testing.assert_array_equal(buffer.observe([0])[0, 0], [3, 4])
+    with pytest.raises(vhs.DtypeError, match="`out`: expected an array of float32"):
+        buffer.observe([0], out=np.zeros((1, 1, 2), swapped))
+    id = buffer.finish(0, vhs.Outcome.TIMEOUT)
+    np.testing.assert_array_equal(buffer.gather([id]).observations[:, 0], [[1, 2], [3, 4]])

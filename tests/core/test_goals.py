@@ -97,6 +97,19 @@ def test_collect_refuses_all_or_nothing() -> None:
     assert len(store) == len(other) == 0
 
 
+def test_collect_takes_images_of_bytes_alone() -> None:
+    buffer = vhs.EpisodeBuffer((2,), num_streams=1, max_episode_steps=3, capacity_steps=30, dtype=np.float32)
+    buffer.begin(0, np.zeros(2, np.float32), 0)
+    buffer.append(0, 0, 1.0, 0.0, np.ones(2, np.float32))
+    id = buffer.finish(0, vhs.Outcome.SUCCESS)
+    store = vhs.GoalStore(1, (2, 2), 10)
+    with pytest.raises(
+        vhs.ArgumentError, match=r"`buffer`: expected observations of unsigned bytes, .* got F32"
+    ):
+        store.collect(buffer, [id])
+    assert len(store) == 0
+
+
 @given(pushes, pushes)
 def test_a_loaded_store_goes_on_alike(before: list[int], after: list[int]) -> None:
     with tempfile.TemporaryDirectory() as folder:

@@ -139,7 +139,7 @@ def test_exact_prototypes_are_embedded_when_exporting(tmp_path: Path) -> None:
 def test_an_agent_trained_elsewhere_acts_on_the_cpu(tmp_path: Path, run: Path) -> None:
     copy = shutil.copytree(run, tmp_path / "run")
     text = (copy / "config.yaml").read_text()
-    (copy / "config.yaml").write_text(text.replace("device: cpu", "device: cpu:0"))
+    (copy / "config.yaml").write_text(text.replace("device: auto", "device: cpu:0"))
     export_agent(copy, tmp_path / "agent")
     assert load_agent(tmp_path / "agent").config.train.device == "cpu"
 

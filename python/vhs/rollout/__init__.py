@@ -1,7 +1,13 @@
 """Environments in worker processes: a pool that gathers whatever is ready, and its gymnasium face.
 
-Needs gymnasium, as the extra `env` brings it; neither torch nor mujoco. `docs/rollout.md` tells how it works.
+Needs Linux, and gymnasium, as the extra `env` brings it; neither torch nor mujoco. How it works:
+`docs/rollout.md`.
 """
+
+import sys
+
+if not sys.platform.startswith("linux"):
+    raise ImportError(f"vhs.rollout: expected Linux, in whose memory its workers meet, found {sys.platform}")
 
 from vhs.rollout.batch import Batch
 from vhs.rollout.errors import PoolClosedError, RemoteTraceback, WorkerError

@@ -7,7 +7,6 @@ mod support;
 use libfuzzer_sys::fuzz_target;
 use vhs_core::config::Backing;
 use vhs_core::episodes::EpisodeBuffer;
-use vhs_core::persist::Loading;
 use vhs_core::reward::SparseReward;
 use vhs_core::strategy::{HindsightRule, Share, Strategy};
 use vhs_core::windows::WindowShape;
@@ -15,9 +14,10 @@ use vhs_core::windows::WindowShape;
 fuzz_target!(|data: &[u8]| {
     let file = support::file(data);
     let verified = EpisodeBuffer::verify(&file.path);
-    let loaded = EpisodeBuffer::load(&file.path, Loading::Read(Backing::Memory));
+    let loaded = EpisodeBuffer::load(&file.path, Backing::Memory);
     assert_eq!(verified.is_ok(), loaded.is_ok(), "{verified:?}");
-    let mapped = EpisodeBuffer::load(&file.path, Loading::Map);
+    // SAFETY: the file is this call's own, and `save` below puts another in its place.
+    let mapped = unsafe { EpisodeBuffer::map(&file.path) };
     let rule = HindsightRule::new(Strategy::Random, Share::Ratio(3)).expect("a valid ratio");
     for mut buffer in loaded.into_iter().chain(mapped) {
         // A stack may be a million frames high: only what a sane batch costs is asked for.

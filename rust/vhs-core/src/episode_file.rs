@@ -28,7 +28,6 @@ use crate::error::{Error, Result, check_finite, check_labels};
 use crate::files::{MAX_DIMENSIONS, MAX_SIZE, Reader, Writer};
 use crate::goals::{class_of, label_of};
 use crate::outcome::Outcome;
-use crate::persist::Loading;
 use crate::rng::Rng;
 use crate::slab::Slab;
 
@@ -265,6 +264,15 @@ impl Header {
     const fn rows(&self) -> usize {
         self.steps + self.episodes
     }
+}
+
+/// How a file is read.
+#[derive(PartialEq, Eq)]
+pub(crate) enum Loading {
+    /// All of it, now, every checksum compared.
+    Read(Backing),
+    /// Frames stay in the file until they are asked for, and are not checked.
+    Map,
 }
 
 /// Reads a buffer.

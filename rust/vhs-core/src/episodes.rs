@@ -114,7 +114,7 @@ impl EpisodeBuffer {
     ///
     /// # Errors
     /// [`Error::Label`], [`Error::Shape`], [`Error::Protocol`] where an episode is open already,
-    /// [`Error::Memory`].
+    /// [`Error::Memory`], [`Error::Io`] where the file behind the buffer cannot grow.
     pub fn begin_with(&mut self, stream: i64, opening: Opening<'_>) -> Result<()> {
         let stream = self.stream(stream)?;
         self.check_opening(&opening)?;
@@ -142,8 +142,9 @@ impl EpisodeBuffer {
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Label`], [`Error::NonFinite`], [`Error::Protocol`] where a stream
-    /// is idle, [`Error::TooManySteps`], [`Error::Argument`] where a stream comes twice; then
-    /// nothing is appended to any stream.
+    /// is idle, [`Error::TooManySteps`], [`Error::Argument`] where a stream comes twice,
+    /// [`Error::Memory`], [`Error::Io`] where the file behind the buffer cannot grow; then nothing is
+    /// appended to any stream.
     pub fn append(&mut self, steps: Steps<'_>) -> Result<()> {
         self.check_steps(&steps)?;
         // Before anything changes: from here on every frame has a slot.

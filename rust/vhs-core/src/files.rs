@@ -6,7 +6,7 @@
 
 use std::ffi::OsString;
 use std::fs::{self, File};
-use std::io::{self, BufWriter, Read, Write};
+use std::io::{self, BufWriter, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -284,6 +284,8 @@ pub(crate) fn replace(
     path: &Path,
     write: impl FnOnce(&mut Writer<'_>) -> Result<()>,
 ) -> Result<()> {
+    // Opened first, so that a directory that cannot be synced refuses before anything is written.
+    let directory = open_directory(path)?;
     let temporary = temporary_beside(path);
     let renamed = write_new(&temporary, write).and_then(|()| {
         let rename = fs::rename(&temporary, path);
@@ -293,7 +295,7 @@ pub(crate) fn replace(
         // The first error is the one to report; a file that stays behind is only litter.
         let _ = fs::remove_file(&temporary);
     }
-    renamed.and_then(|()| sync_directory(path))
+    renamed.and_then(|()| directory.map_or(Ok(()), |directory| sync_directory(path, &directory)))
 }
 
 fn write_new(path: &Path, write: impl FnOnce(&mut Writer<'_>) -> Result<()>) -> Result<()> {
@@ -323,15 +325,32 @@ fn temporary_beside(path: &Path) -> PathBuf {
     path.with_file_name(name)
 }
 
-/// Makes the rename itself durable. Only Unix can open a directory as a file.
-fn sync_directory(path: &Path) -> Result<()> {
-    if cfg!(unix) {
-        let parent = path
-            .parent()
-            .filter(|parent| !parent.as_os_str().is_empty());
-        let directory = parent.unwrap_or(Path::new("."));
-        let synced = File::open(directory).and_then(|directory| directory.sync_all());
-        synced.map_err(|source| io_error(directory, "sync", source))?;
+/// The directory that the file lies in; None where directories cannot be opened as files.
+fn open_directory(path: &Path) -> Result<Option<File>> {
+    if !cfg!(unix) {
+        return Ok(None);
     }
-    Ok(())
+    let parent = path
+        .parent()
+        .filter(|parent| !parent.as_os_str().is_empty());
+    let directory = parent.unwrap_or(Path::new("."));
+    let opened = File::open(directory);
+    opened
+        .map(Some)
+        .map_err(|source| io_error(path, "write", source))
+}
+
+/// Makes the rename itself durable, where the file system can.
+fn sync_directory(path: &Path, directory: &File) -> Result<()> {
+    match directory.sync_all() {
+        Err(error)
+            if !matches!(
+                error.kind(),
+                ErrorKind::InvalidInput | ErrorKind::Unsupported
+            ) =>
+        {
+            Err(io_error(path, "sync the directory of", error))
+        }
+        _ => Ok(()),
+    }
 }

@@ -5,6 +5,7 @@
 //! reached object (the agent does not know it); a full ring overwrites its oldest image; memory is
 //! allocated as the rings fill.
 
+use crate::config::Item;
 use crate::episodes::EpisodeBuffer;
 use crate::error::{self, Error, Result, check_labels, check_range, check_shape};
 use crate::outcome::Outcome;
@@ -97,15 +98,22 @@ impl GoalStore {
     /// how many were stored.
     ///
     /// # Errors
-    /// [`Error::Shape`] where an observation of the buffer is not an image of this store,
-    /// [`Error::Label`] where a goal is not a class, [`Error::Evicted`] or
-    /// [`Error::UnknownEpisode`]; the store is then unchanged.
+    /// [`Error::Shape`] or [`Error::Argument`] where an observation of the buffer is not an image of
+    /// this store, [`Error::Label`] where a goal is not a class, [`Error::Evicted`],
+    /// [`Error::UnknownEpisode`] or [`Error::Memory`]; the store is then unchanged.
     pub fn collect(&mut self, buffer: &EpisodeBuffer, ids: &[i64]) -> Result<usize> {
         check_shape(
             "buffer observations",
             &self.shape,
             &buffer.observation_shape(),
         )?;
+        if buffer.config().frame_item != Item::U8 {
+            return Err(Error::Argument {
+                field: "buffer",
+                expected: "observations of unsigned bytes, as images are".into(),
+                got: format!("{:?}", buffer.config().frame_item),
+            });
+        }
         let episodes: Vec<_> = ids
             .iter()
             .map(|&id| buffer.episode(id))

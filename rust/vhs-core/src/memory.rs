@@ -23,12 +23,14 @@ pub(crate) enum Block {
 }
 
 impl Block {
-    /// Zeroed memory of at least `bytes`, in huge pages where the system has them.
+    /// Zeroed memory of `bytes`, in huge pages where the system has them and they would be full.
     pub(crate) fn anonymous(bytes: usize) -> io::Result<Self> {
-        let map = MmapMut::map_anon(bytes.next_multiple_of(HUGE_PAGE))?;
+        let map = MmapMut::map_anon(bytes)?;
         // Advice may be refused (a kernel without huge pages); small pages are only slower.
         #[cfg(target_os = "linux")]
-        let _ = map.advise(memmap2::Advice::HugePage);
+        if bytes >= HUGE_PAGE {
+            let _ = map.advise(memmap2::Advice::HugePage);
+        }
         Ok(Self::Mapped(map))
     }
 
@@ -90,10 +92,13 @@ fn allocate(file: &File, offset: usize, bytes: usize) -> io::Result<()> {
         i64::try_from(offset).map_err(too_large)?,
         i64::try_from(bytes).map_err(too_large)?,
     );
-    // SAFETY: a system call on a descriptor that `file` keeps open; it touches no memory of ours.
-    match unsafe { libc::posix_fallocate(file.as_raw_fd(), offset, bytes) } {
-        0 => Ok(()),
-        number => Err(io::Error::from_raw_os_error(number)),
+    loop {
+        // SAFETY: a system call on a descriptor that `file` keeps open; it touches no memory of ours.
+        match unsafe { libc::posix_fallocate(file.as_raw_fd(), offset, bytes) } {
+            0 => return Ok(()),
+            libc::EINTR => {} // on tmpfs a signal interrupts it
+            number => return Err(io::Error::from_raw_os_error(number)),
+        }
     }
 }
 

@@ -6,7 +6,7 @@
 use std::path::Path;
 
 use crate::config::Backing;
-use crate::episode_file;
+use crate::episode_file::{self, Loading};
 use crate::episodes::EpisodeBuffer;
 #[cfg(doc)]
 use crate::error::Error;
@@ -14,17 +14,6 @@ use crate::error::Result;
 use crate::files::{Reader, replace};
 use crate::goal_file::{self, Header};
 use crate::goals::GoalStore;
-
-/// How a file is read.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Loading {
-    /// All of it, now, every checksum compared.
-    Read(Backing),
-    /// Images stay in the file until they are asked for, and are not checked: [`GoalStore::verify`] and
-    /// [`EpisodeBuffer::verify`] do that. The file must not be edited in place or cut short meanwhile, which
-    /// `save` never does; new images go to memory, never to the file.
-    Map,
-}
 
 impl GoalStore {
     /// Writes the store to `path`: to a temporary file beside it, synced, then renamed over it.
@@ -46,7 +35,8 @@ impl GoalStore {
     /// ```
     ///
     /// # Errors
-    /// [`Error::Io`]; the file at `path` is then as it was.
+    /// [`Error::Argument`] for a shape of more than 64 dimensions, [`Error::Io`]; the file at `path` is then
+    /// as it was, or new and whole where only its directory could not be synced.
     pub fn save(&self, path: &Path) -> Result<()> {
         replace(path, |file| goal_file::write(self, file))
     }
@@ -69,12 +59,15 @@ impl GoalStore {
         Ok(store)
     }
 
-    /// As [`GoalStore::load`], at once: images are read from the file when they are first drawn, as
-    /// [`Loading::Map`] says.
+    /// As [`GoalStore::load`], at once: images stay in the file until they are first drawn, and are not
+    /// checked; [`GoalStore::verify`] does that. New images go to memory, never to the file.
     ///
     /// # Errors
     /// As [`GoalStore::load`], except that altered images go unnoticed.
-    pub fn map(path: &Path) -> Result<Self> {
+    ///
+    /// # Safety
+    /// As long as the store lives nobody edits the file in place or cuts it short, which `save` never does.
+    pub unsafe fn map(path: &Path) -> Result<Self> {
         let mut reader = Reader::open(path)?;
         let header = Header::read(&mut reader)?;
         let mut store = header.store(path)?;
@@ -113,7 +106,8 @@ impl EpisodeBuffer {
     /// buffer has idle streams.
     ///
     /// # Errors
-    /// [`Error::Io`]; the file at `path` is then as it was.
+    /// [`Error::Argument`] for a shape of more than 64 dimensions, [`Error::Io`]; the file at `path` is then
+    /// as it was, or new and whole where only its directory could not be synced.
     pub fn save(&self, path: &Path) -> Result<()> {
         replace(path, |file| episode_file::write(self, file))
     }
@@ -124,7 +118,6 @@ impl EpisodeBuffer {
     /// use vhs_core::config::Backing;
     /// use vhs_core::episodes::{EpisodeBuffer, EpisodeConfig, Steps};
     /// use vhs_core::outcome::Outcome;
-    /// use vhs_core::persist::Loading;
     /// # let mut buffer = EpisodeBuffer::new(EpisodeConfig {
     /// #     frame_shape: vec![2], max_episode_steps: 20, capacity_steps: 100, ..EpisodeConfig::default()
     /// # })?;
@@ -134,7 +127,7 @@ impl EpisodeBuffer {
     /// # buffer.finish(0, Outcome::Failure)?;
     /// let path = std::env::temp_dir().join("documented.episodes");
     /// buffer.save(&path)?;
-    /// let mut loaded = EpisodeBuffer::load(&path, Loading::Read(Backing::Memory))?;
+    /// let mut loaded = EpisodeBuffer::load(&path, Backing::Memory)?;
     /// assert_eq!(loaded.sample(4, None)?, buffer.sample(4, None)?);
     /// # std::fs::remove_file(&path).expect("our own file");
     /// # Ok::<(), vhs_core::error::Error>(())
@@ -143,9 +136,20 @@ impl EpisodeBuffer {
     /// # Errors
     /// [`Error::Io`], [`Error::Memory`], and [`Error::Damaged`] for a file of another kind or
     /// version, cut short or altered.
-    #[expect(clippy::needless_pass_by_value, reason = "a choice, made in the call")]
-    pub fn load(path: &Path, loading: Loading) -> Result<Self> {
-        episode_file::read(path, &loading)
+    pub fn load(path: &Path, backing: Backing) -> Result<Self> {
+        episode_file::read(path, &Loading::Read(backing))
+    }
+
+    /// As [`EpisodeBuffer::load`] into memory, at once: frames stay in the file until they are first drawn,
+    /// and are not checked; [`EpisodeBuffer::verify`] does that. New frames go to memory, never to the file.
+    ///
+    /// # Errors
+    /// As [`EpisodeBuffer::load`], except that altered frames go unnoticed.
+    ///
+    /// # Safety
+    /// As long as the buffer lives nobody edits the file in place or cuts it short, which `save` never does.
+    pub unsafe fn map(path: &Path) -> Result<Self> {
+        episode_file::read(path, &Loading::Map)
     }
 
     /// Compares every checksum of a saved buffer, without keeping frames in memory.

@@ -72,7 +72,7 @@ impl EpisodeBuffer {
             let outcome = self.finished[episode].outcome;
             let goal = match rule {
                 Some(rule) if rule.selects(row, outcome, rng) => {
-                    self.draw_goal(rule.strategy, episode, step, rng)
+                    self.draw_goal(rule.strategy(), episode, step, rng)
                 }
                 _ => Goal::Told,
             };

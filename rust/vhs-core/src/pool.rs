@@ -14,6 +14,8 @@ use crate::memory::{Block, HUGE_PAGE};
 pub const POOL_BYTES: usize = 512 << 20;
 /// Smaller results come from the heap, whose allocator recycles them well.
 const SMALL: usize = 64 << 10;
+/// Smaller results take as much as they need, in steps of [`SMALL`]; larger ones come in huge pages.
+const LARGE: usize = HUGE_PAGE / 2;
 
 /// Blocks that nobody uses, the one that was used last at the end.
 static FREE: Mutex<Vec<Block>> = Mutex::new(Vec::new());
@@ -47,9 +49,8 @@ impl Bytes {
         if len < SMALL {
             return Ok(Self::from(vec![0; len]));
         }
-        let bytes = len
-            .checked_next_multiple_of(HUGE_PAGE)
-            .ok_or_else(refused)?;
+        let step = if len < LARGE { SMALL } else { HUGE_PAGE };
+        let bytes = len.checked_next_multiple_of(step).ok_or_else(refused)?;
         let block = match recycled(bytes) {
             Some(block) => block,
             None => Block::anonymous(bytes).map_err(|_| refused())?,

@@ -67,12 +67,9 @@ pub enum Share {
 /// Which transitions or windows are relabelled, and from where.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HindsightRule {
-    /// Where goals come from.
-    pub strategy: Strategy,
-    /// How many rows are relabelled.
-    pub share: Share,
-    /// Outcomes whose episodes are eligible.
-    pub on: OutcomeSet,
+    strategy: Strategy,
+    share: Share,
+    on: OutcomeSet,
 }
 
 impl HindsightRule {
@@ -90,6 +87,24 @@ impl HindsightRule {
             share,
             on: Outcome::ALL.into_iter().collect(),
         })
+    }
+
+    /// Where goals come from.
+    #[must_use]
+    pub const fn strategy(&self) -> Strategy {
+        self.strategy
+    }
+
+    /// How many rows are relabelled.
+    #[must_use]
+    pub const fn share(&self) -> Share {
+        self.share
+    }
+
+    /// Outcomes whose episodes are eligible.
+    #[must_use]
+    pub const fn outcomes(&self) -> OutcomeSet {
+        self.on
     }
 
     /// Relabels only where the episode ended in one of these outcomes.

@@ -4,7 +4,7 @@
 //! a frame that several transitions show is still stored once.
 
 use crate::episodes::EpisodeBuffer;
-use crate::error::{Result, check_shape, product};
+use crate::error::{Result, check_finite, check_shape, product};
 use crate::picks::{Goal, GoalIndex, Pick};
 use crate::pool::Bytes;
 use crate::reward::SparseReward;
@@ -256,27 +256,31 @@ impl TransitionIndex {
     /// # Errors
     /// [`crate::error::Error::Shape`] and [`crate::error::Error::NonFinite`].
     pub fn set_relabelled(&mut self, rewards: &[f32], terminated: Option<&[bool]>) -> Result<()> {
+        check_new(self.rewards.len(), rewards, terminated)?;
         let relabelled = &self.goals.relabelled;
         let row = |place: usize| relabelled[place];
-        replace_rewards(&mut self.rewards, rewards, row)?;
-        replace_ends(&mut self.terminated, &mut self.truncated, terminated, row)
+        replace_rewards(&mut self.rewards, rewards, row);
+        replace_ends(&mut self.terminated, &mut self.truncated, terminated, row);
+        Ok(())
     }
 }
 
+/// Checks what a caller's function gave for `len` steps, before any of it is taken.
+pub(crate) fn check_new(len: usize, rewards: &[f32], terminated: Option<&[bool]>) -> Result<()> {
+    check_shape("reward", &[len], &[rewards.len()])?;
+    check_finite("reward", rewards)?;
+    terminated.map_or(Ok(()), |ends| {
+        check_shape("terminated", &[len], &[ends.len()])
+    })
+}
+
 /// Puts the new rewards where `is_new` says so.
-pub(crate) fn replace_rewards(
-    old: &mut [f32],
-    new: &[f32],
-    is_new: impl Fn(usize) -> bool,
-) -> Result<()> {
-    check_shape("reward", &[old.len()], &[new.len()])?;
-    crate::error::check_finite("reward", new)?;
+pub(crate) fn replace_rewards(old: &mut [f32], new: &[f32], is_new: impl Fn(usize) -> bool) {
     for (place, (old, &new)) in old.iter_mut().zip(new).enumerate() {
         if is_new(place) {
             *old = new;
         }
     }
-    Ok(())
 }
 
 /// Puts the new ends where `is_new` says so. What was the end of an episode stays one: it is cut off where it
@@ -286,16 +290,11 @@ pub(crate) fn replace_ends(
     truncated: &mut [bool],
     new: Option<&[bool]>,
     is_new: impl Fn(usize) -> bool,
-) -> Result<()> {
-    let Some(new) = new else {
-        return Ok(());
-    };
-    check_shape("terminated", &[terminated.len()], &[new.len()])?;
-    for (place, &new) in new.iter().enumerate() {
+) {
+    for (place, &new) in new.unwrap_or_default().iter().enumerate() {
         if is_new(place) {
             truncated[place] = (truncated[place] || terminated[place]) && !new;
             terminated[place] = new;
         }
     }
-    Ok(())
 }

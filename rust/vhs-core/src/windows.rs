@@ -17,7 +17,7 @@ use crate::reward::SparseReward;
 use crate::rng::Rng;
 use crate::slab::copy_parts;
 use crate::strategy::HindsightRule;
-use crate::transitions::{replace_ends, replace_rewards};
+use crate::transitions::{check_new, replace_ends, replace_rewards};
 
 /// Steps of a window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -253,14 +253,16 @@ impl WindowIndex {
     /// # Errors
     /// [`crate::error::Error::Shape`] and [`crate::error::Error::NonFinite`].
     pub fn set_relabelled(&mut self, rewards: &[f32], terminated: Option<&[bool]>) -> Result<()> {
+        check_new(self.rewards.len(), rewards, terminated)?;
         let width = self.mask.len() / self.lengths.len().max(1);
         let (relabelled, lengths) = (&self.goals.relabelled, &self.lengths);
         let cell = |place: usize| {
             let window = place / width;
             relabelled[window] && label_of(place % width) < lengths[window]
         };
-        replace_rewards(&mut self.rewards, rewards, cell)?;
-        replace_ends(&mut self.terminated, &mut self.truncated, terminated, cell)
+        replace_rewards(&mut self.rewards, rewards, cell);
+        replace_ends(&mut self.terminated, &mut self.truncated, terminated, cell);
+        Ok(())
     }
 
     /// Zeros up to the end of a window.

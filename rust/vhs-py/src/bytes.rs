@@ -1,7 +1,7 @@
 //! Images and vectors of any element type, as bytes: the core knows sizes, numpy knows types.
 //!
 //! Results lie in memory of the core's pool, which goes back there when the last array that shows it is gone.
-//! The one `unsafe` block of this crate is here.
+//! The `unsafe` of this crate is here and in `rollout`, but for a promise about mapped files that `load` passes on.
 
 use numpy::ndarray::ArrayView1;
 use numpy::{
@@ -63,7 +63,8 @@ pub(crate) fn bytes_of<'py>(
     check_type(field, &array, item)?;
     check_shape(field, shape, array.shape()).map_err(to_py)?;
     let numpy = argument.py().import("numpy")?;
-    let tidy = numpy.call_method1("ascontiguousarray", (array,))?;
+    // Also turns bytes of another order than the machine's, which a view would take as they are.
+    let tidy = numpy.call_method1("ascontiguousarray", (array, item_name(item)))?;
     let bytes = tidy.call_method1("view", ("uint8",))?;
     readonly(field, bytes.cast::<PyArrayDyn<u8>>()?)
 }
@@ -79,7 +80,10 @@ pub(crate) fn out_bytes<'py>(
         let expected = format!("an array of {}", item_name(item));
         return Err(dtype("out", &expected, &type_name(argument)));
     };
-    if array.dtype().getattr("name")?.extract::<String>()? != item_name(item) {
+    let found = array.dtype();
+    if found.getattr("name")?.extract::<String>()? != item_name(item)
+        || !found.getattr("isnative")?.extract::<bool>()?
+    {
         let expected = format!("an array of {}", item_name(item));
         return Err(dtype("out", &expected, &array.dtype().to_string()));
     }

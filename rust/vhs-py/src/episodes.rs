@@ -8,7 +8,6 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use vhs_core::episodes::{self as core, Backing, EpisodeConfig, GoalKind, Item, Opening, Steps};
 use vhs_core::error::{Error, Result};
-use vhs_core::persist::Loading;
 use vhs_core::rng::Rng;
 use vhs_core::windows::WindowShape;
 
@@ -390,18 +389,23 @@ impl EpisodeBuffer {
         mmap: bool,
         backing: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let loading = match (mmap, crate::episode_arguments::backing(backing)?) {
-            (true, Backing::Memory) => Loading::Map,
-            (false, backing) => Loading::Read(backing),
-            (true, _) => {
-                return Err(to_py(Error::Argument {
-                    field: "backing",
-                    expected: "\"memory\" where mmap is true".into(),
-                    got: "a file".into(),
-                }));
+        let backing = crate::episode_arguments::backing(backing)?;
+        if mmap && backing != Backing::Memory {
+            return Err(to_py(Error::Argument {
+                field: "backing",
+                expected: "\"memory\" where mmap is true".into(),
+                got: "a file".into(),
+            }));
+        }
+        let loaded = py.detach(|| {
+            if mmap {
+                // SAFETY: the stub passes the condition on to the caller.
+                unsafe { core::EpisodeBuffer::map(&path) }
+            } else {
+                core::EpisodeBuffer::load(&path, backing)
             }
-        };
-        checked(py.detach(|| core::EpisodeBuffer::load(&path, loading))).map(Self::from)
+        });
+        checked(loaded).map(Self::from)
     }
 
     #[staticmethod]

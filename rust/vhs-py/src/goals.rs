@@ -144,12 +144,15 @@ impl GoalStore {
         reason = "made from a Python path for this call"
     )]
     fn load(py: Python<'_>, path: PathBuf, mmap: bool) -> PyResult<Self> {
-        let load = if mmap {
-            core::GoalStore::map
-        } else {
-            core::GoalStore::load
-        };
-        checked(py.detach(|| load(&path))).map(Self::from)
+        let loaded = py.detach(|| {
+            if mmap {
+                // SAFETY: the stub passes the condition on to the caller.
+                unsafe { core::GoalStore::map(&path) }
+            } else {
+                core::GoalStore::load(&path)
+            }
+        });
+        checked(loaded).map(Self::from)
     }
 
     #[staticmethod]

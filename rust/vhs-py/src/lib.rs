@@ -18,6 +18,7 @@ mod raster;
 mod relabel;
 mod returns;
 mod rng;
+#[cfg(target_os = "linux")]
 mod rollout;
 mod sampling;
 mod transitions;
@@ -45,6 +46,7 @@ mod _core {
     use crate::returns::discounted_returns;
     #[pymodule_export]
     use crate::rng::Rng;
+    #[cfg(target_os = "linux")]
     #[pymodule_export]
     use crate::rollout::{RolloutLearner, RolloutWorker};
     #[pymodule_export]

@@ -297,7 +297,7 @@ impl RasterCanvas {
             near: 0.01,
             far: 100.0,
         };
-        let view = View::new(&scene, camera);
+        let view = View::new(&scene, camera).map_err(to_py)?;
         let lights = lights.into_iter().map(optional).collect();
         Ok(Self {
             scene,

@@ -179,12 +179,13 @@ impl RolloutLearner {
     ) -> PyResult<()> {
         let envs = integers("env_ids", env_ids)?;
         check_vector("env_ids", envs.shape())?;
-        let rows: PyResult<Vec<Rows<'_>>> = actions.iter().map(rows_of).collect();
-        let rows = rows?;
-        // Nothing here waits or takes long, so the interpreter is kept, and with it the actions as they are.
-        checked(attached(py, &self.pool, |pool| {
-            pool.send(slice(&envs), &rows, code, version, blob)
-        }))
+        let envs = slice(&envs).to_vec();
+        // Nothing here waits or takes long, so the interpreter is kept, and with it the actions as they are: they are
+        // looked at once the lock is had, for waiting for it lets the interpreter go.
+        attached(py, &self.pool, |pool| {
+            let rows: Vec<Rows<'_>> = actions.iter().map(rows_of).collect::<PyResult<_>>()?;
+            checked(pool.send(&envs, &rows, code, version, blob))
+        })
     }
 
     fn wait(&self, py: Python<'_>, wanted: usize, limit_s: f64) -> bool {
@@ -259,7 +260,8 @@ impl RolloutLearner {
     fn reclaim(&self, py: Python<'_>, worker: usize) -> (Vec<i64>, bool) {
         detached(py, &self.pool, |pool| {
             let has_answered = pool.has_answered(worker);
-            (pool.reclaim(worker), has_answered)
+            // SAFETY: `vhs.rollout` calls this for deaths that `take_deaths` told, of processes that it has joined.
+            (unsafe { pool.reclaim(worker) }, has_answered)
         })
     }
 

@@ -3,7 +3,7 @@
 //! A canvas owns every buffer that drawing needs and reuses them, so a frame allocates nothing once warm.
 
 use crate::cover::{Cover, NOTHING, Offset};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_len};
 use crate::fill::{Colours, Fill, Job, Scratch};
 use crate::frame::{Frame, Into, Listed, SKY_REACH, is_seen_from_behind, origin_of};
 use crate::lanes::Kind;
@@ -117,7 +117,8 @@ impl Canvas {
     /// Draws colours into `out`, three bytes a pixel, top row first.
     ///
     /// # Errors
-    /// [`Error::Length`] when `out` has not `3 * height * width` bytes.
+    /// [`Error::Length`] when `out` has not `3 * height * width` bytes, or `view` is one of
+    /// another scene.
     pub fn draw(
         &mut self,
         scene: &Scene,
@@ -126,6 +127,7 @@ impl Canvas {
         out: &mut [u8],
     ) -> Result<()> {
         check_len("picture bytes", 3 * self.height * self.width, out.len())?;
+        view.check_of(scene)?;
         let projection = view.projection(self.cover.height, self.cover.width);
         self.lamps.update(scene, view, &projection);
         self.nodes.start_frame();
@@ -147,9 +149,11 @@ impl Canvas {
     /// Transparent geoms count as solid, the sky as nothing.
     ///
     /// # Errors
-    /// [`Error::Length`] when `out` has not `height * width` values.
+    /// [`Error::Length`] when `out` has not `height * width` values, or `view` is one of
+    /// another scene.
     pub fn draw_depth(&mut self, scene: &Scene, view: &View, out: &mut [f32]) -> Result<()> {
         check_len("depth values", self.height * self.width, out.len())?;
+        view.check_of(scene)?;
         let projection = self.draw_solid(scene, view);
         let cover = self.plain_cover();
         for (row, line) in out
@@ -166,13 +170,15 @@ impl Canvas {
     /// Writes the two numbers of the geom in every pixel; -1, -1 where there is none.
     ///
     /// # Errors
-    /// [`Error::Length`] when `out` has not `2 * height * width` values.
+    /// [`Error::Length`] when `out` has not `2 * height * width` values, or `view` is one of
+    /// another scene.
     pub fn draw_tags(&mut self, scene: &Scene, view: &View, out: &mut [i32]) -> Result<()> {
         check_len(
             "segmentation values",
             2 * self.height * self.width,
             out.len(),
         )?;
+        view.check_of(scene)?;
         self.draw_solid(scene, view);
         let tag_of = |part: u32| match self.frame.placed[part as usize].role {
             Role::Geom(geom) => scene.spec.geoms[geom].tag,
@@ -405,17 +411,5 @@ impl Canvas {
         let sum =
             |shift: u32| four.iter().map(|c| c >> shift & 0x00ff_00ff).sum::<u32>() + 0x0002_0002;
         (sum(0) >> 2 & 0x00ff_00ff) | (sum(8) >> 2 & 0x00ff_00ff) << 8
-    }
-}
-
-fn check_len(what: &'static str, expected: usize, got: usize) -> Result<()> {
-    if expected == got {
-        Ok(())
-    } else {
-        Err(Error::Length {
-            what,
-            expected,
-            got,
-        })
     }
 }

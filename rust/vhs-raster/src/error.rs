@@ -52,3 +52,16 @@ pub enum Error {
 
 /// Short for a result of this crate.
 pub type Result<T> = std::result::Result<T, Error>;
+
+/// Checks the length of an array.
+pub(crate) fn check_len(what: &'static str, expected: usize, got: usize) -> Result<()> {
+    if expected == got {
+        Ok(())
+    } else {
+        Err(Error::Length {
+            what,
+            expected,
+            got,
+        })
+    }
+}

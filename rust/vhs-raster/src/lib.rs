@@ -18,7 +18,7 @@
 //!     near: 0.01,
 //!     far: 10.0,
 //! };
-//! let view = View::new(&scene, camera);
+//! let view = View::new(&scene, camera)?;
 //! let mut canvas = Canvas::new(64, 64, Antialias::Off)?;
 //! let mut picture = vec![0; 64 * 64 * 3];
 //! canvas.draw(&scene, &view, Layout::Interleaved, &mut picture)?;

@@ -152,7 +152,7 @@ proptest! {
     #[test]
     fn distances_are_those_of_rays(triangles in triangles(), camera in anywhere()) {
         let scene = mesh_scene(soup(&triangles));
-        let view = View::new(&scene, camera);
+        let view = View::new(&scene, camera).unwrap();
         for kind in kinds() {
             let mut depth = vec![0.0; SIZE * SIZE];
             canvas(Antialias::Off, kind).draw_depth(&scene, &view, &mut depth).unwrap();
@@ -190,7 +190,7 @@ proptest! {
         let scene = Scene::new(SceneSpec { geoms: vec![ball], lights, far: 20.0, ..SceneSpec::default() }).unwrap();
         let [position, forward, up] = Camera::orbit([0.0; 3], distance, azimuth, elevation);
         let camera = Camera { position, forward, up, lens: Lens::Angle { fovy: 40.0 }, near: NEAR, far: FAR };
-        let out = picture(&scene, &View::new(&scene, camera), Antialias::Off, Kind::detect());
+        let out = picture(&scene, &View::new(&scene, camera).unwrap(), Antialias::Off, Kind::detect());
         // Blended over black twice, as transparent geoms are: 128, then 128 + 64.
         for pixel in out.chunks_exact(3) {
             prop_assert!(pixel[0] == 0 || (191..=192).contains(&pixel[0]), "{:?}", pixel);
@@ -202,7 +202,7 @@ proptest! {
     #[test]
     fn machines_agree_to_the_last_bit(camera in anywhere(), seed in 0_u8..255) {
         let scene = mixed_scene(seed);
-        let mut view = View::new(&scene, camera);
+        let mut view = View::new(&scene, camera).unwrap();
         let place = |i: usize| [[1.5, 0.0, 0.0], [0.0, 1.5, 0.3], [-1.5, 0.0, 0.0], [0.0, -1.5, 0.5], [0.0, 0.0, -1.0]][i % 5];
         let positions: Vec<f64> = (0..scene.geom_count()).flat_map(place).collect();
         view.set_poses(0, &positions, &UPRIGHT.repeat(scene.geom_count())).unwrap();
@@ -232,7 +232,7 @@ proptest! {
         for shape in shapes {
             let spec = SceneSpec { geoms: vec![geom(shape, 0)], far: 20.0, ..SceneSpec::default() };
             let scene = Scene::new(spec).unwrap();
-            picture(&scene, &View::new(&scene, camera), Antialias::Multisample, Kind::detect());
+            picture(&scene, &View::new(&scene, camera).unwrap(), Antialias::Multisample, Kind::detect());
         }
     }
 }
@@ -340,7 +340,7 @@ fn a_camera_inside_a_solid_looks_through_it() {
             ..SceneSpec::default()
         };
         let scene = Scene::new(spec).unwrap();
-        let view = View::new(&scene, camera([0.1, 0.0, 0.0], 30.0, 10.0));
+        let view = View::new(&scene, camera([0.1, 0.0, 0.0], 30.0, 10.0)).unwrap();
         let mut tags = vec![0; 2 * SIZE * SIZE];
         canvas(Antialias::Off, Kind::detect())
             .draw_tags(&scene, &view, &mut tags)
@@ -354,7 +354,7 @@ fn triangles_without_area_are_not_drawn() {
     let line = [[0.0, 1.0, 0.0], [0.0, 2.0, 0.0], [0.0, 3.0, 0.0]];
     let point = [[0.0, 1.0, 0.0]; 3];
     let scene = mesh_scene(soup(&[line, point]));
-    let view = View::new(&scene, camera([0.0, -1.0, 0.1], 90.0, 0.0));
+    let view = View::new(&scene, camera([0.0, -1.0, 0.1], 90.0, 0.0)).unwrap();
     let mut tags = vec![0; 2 * SIZE * SIZE];
     canvas(Antialias::Off, Kind::detect())
         .draw_tags(&scene, &view, &mut tags)
@@ -365,7 +365,7 @@ fn triangles_without_area_are_not_drawn() {
 #[test]
 fn every_refusal_says_what_was_expected_and_found() {
     let scene = mixed_scene(1);
-    let mut view = View::new(&scene, camera([0.0; 3], 0.0, 0.0));
+    let mut view = View::new(&scene, camera([0.0; 3], 0.0, 0.0)).unwrap();
     let poses = vec![0.0; 3];
     let refusals = [
         (
@@ -446,7 +446,7 @@ fn averaging_four_samples_rounds_to_the_nearest() {
         ..SceneSpec::default()
     })
     .unwrap();
-    let view = View::new(&scene, camera([-2.0, 0.0, 0.0], 0.0, 0.0));
+    let view = View::new(&scene, camera([-2.0, 0.0, 0.0], 0.0, 0.0)).unwrap();
     for antialias in [Antialias::Multisample, Antialias::Supersample] {
         let out = picture(&scene, &view, antialias, Kind::detect());
         let levels: std::collections::BTreeSet<u8> = out.into_iter().collect();
@@ -458,4 +458,38 @@ fn averaging_four_samples_rounds_to_the_nearest() {
         );
         assert!(levels.len() >= 4, "edges are smoothed: {levels:?}");
     }
+}
+
+#[test]
+fn a_view_is_of_its_own_scene_and_of_a_camera_that_sees() {
+    let ball = Geom {
+        shape: Shape::Sphere { radius: 0.4 },
+        surface: Surface::default(),
+        tag: [0, 5],
+    };
+    let scene = |geoms| {
+        Scene::new(SceneSpec {
+            geoms,
+            far: 20.0,
+            ..SceneSpec::default()
+        })
+        .unwrap()
+    };
+    let (one, two) = (scene(vec![ball]), scene(vec![ball, ball]));
+    let view = View::new(&one, camera([-2.0, 0.0, 0.0], 0.0, 0.0)).unwrap();
+    let mut canvas = Canvas::new(4, 4, Antialias::Off).unwrap();
+    let refused = Err(Error::Length {
+        what: "poses of the view",
+        expected: 2,
+        got: 1,
+    });
+    let draw = canvas.draw(&two, &view, Layout::Interleaved, &mut [0; 48]);
+    assert_eq!(draw, refused);
+    assert_eq!(canvas.draw_depth(&two, &view, &mut [0.0; 16]), refused);
+    assert_eq!(canvas.draw_tags(&two, &view, &mut [0; 32]), refused);
+    let blind = Camera {
+        lens: Lens::Angle { fovy: f64::NAN },
+        ..camera([0.0; 3], 0.0, 0.0)
+    };
+    assert!(View::new(&one, blind).is_err());
 }

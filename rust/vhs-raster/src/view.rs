@@ -3,7 +3,7 @@
 //! Poses come in f64 and are taken relative to the camera before they are rounded to f32, so that a scene far
 //! from its origin loses nothing.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, check_len};
 use crate::math::{V3, normalize, sub};
 use crate::prepare::Scene;
 
@@ -267,15 +267,18 @@ pub struct View {
 
 impl View {
     /// A view of `scene` with every geom at the origin, all visible and all lights on.
-    #[must_use]
-    pub fn new(scene: &Scene, camera: Camera) -> Self {
+    ///
+    /// # Errors
+    /// As [`View::set_camera`].
+    pub fn new(scene: &Scene, camera: Camera) -> Result<Self> {
+        check_camera(&camera)?;
         let rotation = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
         let light = LightPose {
             is_on: true,
             position: [0.0; 3],
             direction: [0.0, 0.0, -1.0],
         };
-        Self {
+        Ok(Self {
             poses: vec![
                 Pose {
                     position: [0.0; 3],
@@ -286,7 +289,7 @@ impl View {
             is_visible: vec![true; scene.geom_count()],
             lights: vec![light; scene.light_count()],
             camera,
-        }
+        })
     }
 
     /// Sets poses from geom `first` on: `positions` [n, 3] in metres, `rotations` [n, 3, 3] world from geom.
@@ -392,53 +395,15 @@ impl View {
     /// # Errors
     /// [`Error::NotFinite`] or [`Error::Range`] for a camera that sees nothing; then nothing changes.
     pub fn set_camera(&mut self, camera: Camera) -> Result<()> {
-        let ends = [f64::from(camera.near), f64::from(camera.far)];
-        let lens = match camera.lens {
-            Lens::Angle { fovy } => [fovy, 1.0, 1.0, 1.0],
-            Lens::Frustum {
-                bottom,
-                top,
-                left,
-                right,
-            } => [bottom, top, left, right],
-            Lens::Parallel { height } => [height, 1.0, 1.0, 1.0],
-        };
-        let mut numbers = camera
-            .position
-            .iter()
-            .chain(&camera.forward)
-            .chain(&camera.up)
-            .chain(&ends)
-            .chain(&lens);
-        if !numbers.all(|x| x.is_finite()) {
-            return Err(Error::NotFinite {
-                what: "camera",
-                index: 0,
-            });
-        }
-        let is_open = match camera.lens {
-            Lens::Angle { fovy } => fovy > 0.0 && fovy < 180.0,
-            Lens::Frustum {
-                bottom,
-                top,
-                left,
-                right,
-            } => top + bottom > 0.0 && left + right > 0.0,
-            Lens::Parallel { height } => height > 0.0,
-        };
-        if !is_open || camera.near <= 0.0 || camera.far <= camera.near {
-            let got = format!(
-                "{:?}, near {}, far {}",
-                camera.lens, camera.near, camera.far
-            );
-            return Err(Error::Range {
-                what: "camera",
-                expected: "an open lens and 0 < near < far",
-                got,
-            });
-        }
+        check_camera(&camera)?;
         self.camera = camera;
         Ok(())
+    }
+
+    /// Checks that this is a view of such a scene, by the numbers of its geoms and lights.
+    pub(crate) fn check_of(&self, scene: &Scene) -> Result<()> {
+        check_len("poses of the view", scene.geom_count(), self.poses.len())?;
+        check_len("lights of the view", scene.light_count(), self.lights.len())
     }
 
     pub(crate) fn projection(&self, height: usize, width: usize) -> Projection {
@@ -450,6 +415,55 @@ impl View {
     pub(crate) fn eye(&self) -> V3 {
         self.camera.position.map(|x| x as f32)
     }
+}
+
+fn check_camera(camera: &Camera) -> Result<()> {
+    let ends = [f64::from(camera.near), f64::from(camera.far)];
+    let lens = match camera.lens {
+        Lens::Angle { fovy } => [fovy, 1.0, 1.0, 1.0],
+        Lens::Frustum {
+            bottom,
+            top,
+            left,
+            right,
+        } => [bottom, top, left, right],
+        Lens::Parallel { height } => [height, 1.0, 1.0, 1.0],
+    };
+    let mut numbers = camera
+        .position
+        .iter()
+        .chain(&camera.forward)
+        .chain(&camera.up)
+        .chain(&ends)
+        .chain(&lens);
+    if !numbers.all(|x| x.is_finite()) {
+        return Err(Error::NotFinite {
+            what: "camera",
+            index: 0,
+        });
+    }
+    let is_open = match camera.lens {
+        Lens::Angle { fovy } => fovy > 0.0 && fovy < 180.0,
+        Lens::Frustum {
+            bottom,
+            top,
+            left,
+            right,
+        } => top + bottom > 0.0 && left + right > 0.0,
+        Lens::Parallel { height } => height > 0.0,
+    };
+    if !is_open || camera.near <= 0.0 || camera.far <= camera.near {
+        let got = format!(
+            "{:?}, near {}, far {}",
+            camera.lens, camera.near, camera.far
+        );
+        return Err(Error::Range {
+            what: "camera",
+            expected: "an open lens and 0 < near < far",
+            got,
+        });
+    }
+    Ok(())
 }
 
 /// Gaze towards a light, for headlights; kept here so that every light is placed in one way.

@@ -21,7 +21,7 @@ pub const MAX_WORKERS: usize = 4096;
 /// First word of the mapping: "vhs roll" as bytes, in the machine's order.
 pub(crate) const MAGIC: u64 = 0x6C6C_6F72_2073_6876;
 /// Changed with every change of the layout: both ends of a mapping must be of one build.
-pub(crate) const VERSION: u64 = 1;
+pub(crate) const VERSION: u64 = 2;
 
 const PAGE: usize = 4096;
 
@@ -66,6 +66,8 @@ pub(crate) struct Header {
     pub(crate) version: AtomicU64,
     /// [`Shape::words`].
     pub(crate) shape: [AtomicU64; 5],
+    /// Not 0 once the memory has a learner.
+    pub(crate) claimed: AtomicU32,
     /// Not 0 once the pool is closing: workers leave.
     pub(crate) closing: Line<AtomicU32>,
     /// Not 0 while the supervisor has news: the learner stops waiting.

@@ -61,19 +61,29 @@ pub struct Learner {
 }
 
 impl Learner {
-    /// The learner of fresh memory.
-    #[must_use]
-    pub fn new(mapping: Arc<Mapping>) -> Self {
+    /// The one learner of fresh memory.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] where the memory has, or had, another: two would write into the same payloads.
+    pub fn new(mapping: Arc<Mapping>) -> Result<Self> {
+        // Relaxed: only who comes first matters, nothing was written before that the other would read.
+        if mapping.header().claimed.swap(1, Ordering::Relaxed) != 0 {
+            return Err(Error::Argument {
+                field: "mapping",
+                expected: "memory without a learner".into(),
+                got: "memory that has one".into(),
+            });
+        }
         let shape = mapping.layout().shape;
         let workers = (0..shape.num_workers).map(|_| Line::default()).collect();
-        Self {
+        Ok(Self {
             mapping,
             workers,
             inbox: VecDeque::with_capacity(shape.num_envs()),
             notices: VecDeque::new(),
             waiter: Waiter::default(),
             wait: None,
-        }
+        })
     }
 
     /// The shared memory.
@@ -144,10 +154,12 @@ impl Learner {
 
     /// Waits until `wanted` answers lie ready for a batch, for about `limit`.
     pub fn wait(&mut self, wanted: usize, limit: Duration) -> Waited {
-        if self.poll() >= wanted && self.notices.is_empty() {
+        let mapping = Arc::clone(&self.mapping);
+        // A learner that never has to wait hears of the dead all the same.
+        let is_quiet = mapping.header().alarmed.0.load(Ordering::Acquire) == 0;
+        if is_quiet && self.poll() >= wanted && self.notices.is_empty() {
             return Waited::Ready;
         }
-        let mapping = Arc::clone(&self.mapping);
         let bell = &mapping.header().bell;
         let mut wait = self.wait.take().unwrap_or_else(|| self.waiter.begin());
         let until_ns = monotonic_ns().saturating_add(nanos(limit));
@@ -212,10 +224,13 @@ impl Learner {
         self.workers[worker].has_answered
     }
 
-    /// Prepares a worker's post and slots for its next incarnation. The caller knows that the present one is dead.
+    /// Prepares a worker's post and slots for its next incarnation.
     ///
     /// `keep` says by its flags whether a complete answer is worth delivering although its environment is gone.
-    pub fn reclaim(&mut self, worker: usize, keep: impl Fn(u32) -> bool) -> Vec<Fate> {
+    ///
+    /// # Safety
+    /// The present incarnation is dead: it would go on writing into payloads that are then the learner's.
+    pub unsafe fn reclaim(&mut self, worker: usize, keep: impl Fn(u32) -> bool) -> Vec<Fate> {
         let per_worker = self.mapping.layout().shape.envs_per_worker;
         let first = worker * per_worker;
         let epoch = self.workers[worker].epoch.next();
@@ -225,7 +240,8 @@ impl Learner {
         let mut fates = Vec::with_capacity(per_worker);
         for env in first..first + per_worker {
             let slot = self.mapping.slot(env);
-            let fate = match slot.reclaim(epoch, &keep) {
+            // SAFETY: the caller knows that the worker is dead.
+            let fate = match unsafe { slot.reclaim(epoch, &keep) } {
                 State::Held => Fate::Held,
                 State::Ready if slot.state() == State::Ready => Fate::Kept,
                 _ => Fate::Cut,

@@ -15,6 +15,11 @@
 //! | [`sync`], [`clock`] | the doors to atomics and time |
 #![deny(missing_docs)]
 
+#[cfg(not(target_os = "linux"))]
+compile_error!(
+    "vhs-rollout needs Linux: its processes meet in a memfd, sleep on futexes and are watched by pidfds"
+);
+
 pub mod bell;
 pub mod ring;
 pub mod slot;

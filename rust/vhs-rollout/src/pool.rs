@@ -70,15 +70,15 @@ pub struct Pool {
 }
 
 impl Pool {
-    /// The pool of fresh memory.
+    /// The one pool of fresh memory.
     ///
     /// # Errors
-    /// [`Error::Argument`] for a leaf outside the observation.
+    /// [`Error::Argument`] for a leaf outside the observation, or memory that has a learner.
     pub fn new(mapping: Arc<Mapping>, leaves: Vec<Leaf>, seed: Option<u64>) -> Result<Self> {
         let batch = BatchLayout::new(mapping.layout(), leaves)?;
         let num_envs = mapping.layout().shape.num_envs();
         let mut pool = Self {
-            learner: Learner::new(mapping),
+            learner: Learner::new(mapping)?,
             batch,
             envs: vec![Env::default(); num_envs],
             seed,
@@ -221,9 +221,13 @@ impl Pool {
     }
 
     /// Prepares a dead worker's environments for its next incarnation and tells which of them must be asked anew.
-    pub fn reclaim(&mut self, worker: usize) -> Vec<i64> {
+    ///
+    /// # Safety
+    /// The worker is dead, as for [`Learner::reclaim`].
+    pub unsafe fn reclaim(&mut self, worker: usize) -> Vec<i64> {
         let first = worker * self.mapping().layout().shape.envs_per_worker;
-        let fates = self.learner.reclaim(worker, |flags| flags & ENDED != 0);
+        // SAFETY: the caller knows that the worker is dead.
+        let fates = unsafe { self.learner.reclaim(worker, |flags| flags & ENDED != 0) };
         self.stats.restarts += 1;
         let mut cut = Vec::new();
         for (local, fate) in fates.into_iter().enumerate() {

@@ -251,9 +251,12 @@ impl Slot {
 
     /// Gives the slot to the worker's next incarnation, whatever its state, and tells that state.
     ///
-    /// An answer stays Ready if `keep` says so of its flags, everything else becomes Held. Only for the supervisor, who
-    /// knows that the worker is dead: nobody else moves the word meanwhile.
-    pub fn reclaim(&self, epoch: Epoch, keep: impl FnOnce(u32) -> bool) -> State {
+    /// An answer stays Ready if `keep` says so of its flags, everything else becomes Held.
+    ///
+    /// # Safety
+    /// The worker is dead, and only its supervisor calls this: nobody else moves the word meanwhile, or writes into a
+    /// payload that is the learner's from then on.
+    pub unsafe fn reclaim(&self, epoch: Epoch, keep: impl FnOnce(u32) -> bool) -> State {
         // Acquire: an answer that the dead worker committed is seen whole.
         let word = Word::unpack(self.word.load(Ordering::Acquire));
         let is_kept = word.state == State::Ready && keep(self.flags());

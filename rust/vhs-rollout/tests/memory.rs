@@ -37,6 +37,24 @@ fn pool(seed: Option<u64>) -> Pool {
 }
 
 #[test]
+fn memory_has_one_learner_for_good() {
+    let first = pool(None);
+    let mapping = Arc::clone(first.mapping());
+    for _ in 0..2 {
+        let second = Pool::new(Arc::clone(&mapping), Vec::new(), None);
+        assert!(matches!(
+            second,
+            Err(Error::Argument {
+                field: "mapping",
+                ..
+            })
+        ));
+    }
+    drop(first);
+    assert!(Pool::new(mapping, Vec::new(), None).is_err());
+}
+
+#[test]
 fn sizes_out_of_range_are_refused() {
     for wrong in [
         Shape {
@@ -181,7 +199,8 @@ fn a_cut_episode_is_counted_once_and_told_with_the_next_first_observation() {
     assert_eq!(pool.fill(&mut block).unwrap().notable, 0);
     pool.send(&[1], &[], STEP, 0, &[]).unwrap();
     // Environment 0 is held, 1 has a command: both lose their episodes, the command must be given again.
-    assert_eq!(pool.reclaim(0), [1]);
+    // SAFETY: the worker is replaced before it does anything more.
+    assert_eq!(unsafe { pool.reclaim(0) }, [1]);
     let mut worker = Worker::new(Arc::clone(pool.mapping()), 0, None).unwrap();
     pool.send(&[0, 1], &[], BEGIN, 0, &[]).unwrap();
     answer(&mut worker, FIRST);

@@ -90,7 +90,7 @@ impl Pool {
     fn start() -> Self {
         let mapping = Arc::new(Mapping::create(SHAPE).unwrap());
         let mut pool = Self {
-            learner: Learner::new(Arc::clone(&mapping)),
+            learner: Learner::new(Arc::clone(&mapping)).unwrap(),
             watch: Watch::start(Arc::clone(&mapping), None, 0).unwrap(),
             mapping,
             children: Vec::new(),
@@ -140,9 +140,11 @@ impl Pool {
         let deaths = self.watch.take_deaths();
         for death in &deaths {
             self.children[death.worker].wait().unwrap();
-            let fates = self
-                .learner
-                .reclaim(death.worker, |flags| flags & ENDED != 0);
+            // SAFETY: `wait` has just seen the end of the process.
+            let fates = unsafe {
+                self.learner
+                    .reclaim(death.worker, |flags| flags & ENDED != 0)
+            };
             self.children[death.worker] = self.spawn(death.worker);
             for (place, fate) in fates.into_iter().enumerate() {
                 if fate == Fate::Cut {
@@ -191,6 +193,22 @@ impl Drop for Pool {
             let _ = child.wait();
         }
     }
+}
+
+#[test]
+fn a_learner_that_never_waits_hears_of_a_death() {
+    let mut pool = Pool::start();
+    let until = Instant::now() + Duration::from_secs(20);
+    while pool.learner.wait(SHAPE.num_envs(), Duration::from_secs(1)) == Waited::Paused {
+        assert!(Instant::now() < until, "no answers");
+    }
+    pool.children[0].kill().unwrap();
+    // The answers that lie ready would do for any number of these calls.
+    while pool.learner.wait(1, Duration::ZERO) == Waited::Ready {
+        assert!(Instant::now() < until, "the death was never told");
+    }
+    assert_eq!(pool.bury(), 1);
+    assert_eq!(pool.learner.wait(1, Duration::ZERO), Waited::Ready);
 }
 
 #[test]

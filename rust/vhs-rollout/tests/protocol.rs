@@ -86,7 +86,7 @@ impl Pair {
         let mapping = Arc::new(Mapping::create(shape).unwrap());
         let workers = (0..WORKERS).map(|number| worker(&mapping, number));
         Self {
-            learner: Learner::new(Arc::clone(&mapping)),
+            learner: Learner::new(Arc::clone(&mapping)).unwrap(),
             workers: workers.collect(),
             mapping,
             model: Model {
@@ -210,7 +210,8 @@ impl Pair {
     }
 
     fn kill(&mut self, number: usize) {
-        let fates = self.learner.reclaim(number, |flags| flags & ENDED != 0);
+        // SAFETY: the worker is an object of this thread, and what is left of it below only claims and commits.
+        let fates = unsafe { self.learner.reclaim(number, |flags| flags & ENDED != 0) };
         let mut ghost = std::mem::replace(&mut self.workers[number], worker(&self.mapping, number));
         for (place, fate) in fates.into_iter().enumerate() {
             let env = number * EACH + place;

@@ -110,7 +110,7 @@ fn learn(learner: &mut Learner, steps: u64, wanted: usize) {
 
 fn stress(num_workers: usize, envs_per_worker: usize, wanted: usize, steps: u64) {
     let mapping = Arc::new(Mapping::create(shape(num_workers, envs_per_worker)).unwrap());
-    let mut learner = Learner::new(Arc::clone(&mapping));
+    let mut learner = Learner::new(Arc::clone(&mapping)).unwrap();
     thread::scope(|scope| {
         for number in 0..num_workers {
             let mapping = &mapping;
@@ -139,7 +139,7 @@ fn a_pair_that_passes_one_environment_to_and_fro_never_stalls() {
 #[test]
 fn a_waiting_worker_leaves_when_the_pool_closes() {
     let mapping = Arc::new(Mapping::create(shape(1, 1)).unwrap());
-    let mut learner = Learner::new(Arc::clone(&mapping));
+    let mut learner = Learner::new(Arc::clone(&mapping)).unwrap();
     let theirs = Arc::clone(&mapping);
     let worker = thread::spawn(move || {
         let mut worker = Worker::new(theirs, 0, None).unwrap();

@@ -51,3 +51,31 @@ fn readers_side_by_side_draw_what_each_would_draw_alone() {
     });
     assert_eq!(alone, together);
 }
+
+#[test]
+fn what_a_function_gives_is_taken_whole_or_not_at_all() {
+    let mut pair = Pair::new(2, 12);
+    pair.begin(0, 1, 1);
+    pair.append(&[0], 4, 0.5);
+    pair.finish(0, Outcome::Failure);
+    let rule = HindsightRule::new(Strategy::Final, Share::Probability(1.0)).expect("valid");
+    let batch = pair
+        .buffer
+        .sample_transitions_with(2, Some(&rule), None, &mut Rng::new(0));
+    let mut index = batch.expect("an episode is stored").index;
+    let before = index.clone();
+    assert!(index.set_relabelled(&[7.0; 2], Some(&[true])).is_err());
+    assert!(
+        index
+            .set_relabelled(&[f32::NAN; 2], Some(&[true; 2]))
+            .is_err()
+    );
+    assert_eq!(index, before);
+    index
+        .set_relabelled(&[7.0; 2], Some(&[true; 2]))
+        .expect("two of each");
+    assert_eq!(
+        (index.rewards, index.terminated),
+        (vec![7.0; 2], vec![true; 2])
+    );
+}
