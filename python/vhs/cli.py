@@ -27,7 +27,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] == "vhs":
             raise
-        print(f"vhs: {error.name} is not installed; pip install 'vhs[{options.extra}]'", file=sys.stderr)
+        hint = f"in the clone: pip install -e '.[{options.extra}]'"
+        print(f"vhs: {error.name} is not installed; {hint}", file=sys.stderr)
         return 1
     except VhsError as error:
         print(f"vhs: {error}", file=sys.stderr)
@@ -148,7 +149,9 @@ def _add_compare(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_play(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("run_directory", type=Path, metavar="RUN", help="directory of a run")
+    parser.add_argument(
+        "run_directory", type=Path, metavar="RUN", help="directory of a run or of an exported agent"
+    )
     parser.add_argument(
         "--episodes", type=_positive, default=3, metavar="N", help="episodes to play (default: 3)"
     )

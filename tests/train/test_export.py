@@ -148,7 +148,9 @@ def test_a_run_of_a_device_that_is_not_here_acts_on_the_cpu(tmp_path: Path, run:
     copy = shutil.copytree(run, tmp_path / "run")
     text = (copy / "config.yaml").read_text()
     (copy / "config.yaml").write_text(text.replace("device: auto", "device: cuda:99"))
-    assert load_agent(copy).config.train.device == "cpu"
+    loaded = load_agent(copy)
+    assert loaded.config.train.device == "cpu"
+    assert not loaded.learner.agent.training
 
 
 def truncate(path: Path) -> None:

@@ -21,13 +21,13 @@ class ActorCriticTerms(NamedTuple):
 def actor_critic_loss(
     log_probs: Tensor, actions: Tensor, values: Tensor, returns: Tensor, valid: Tensor
 ) -> ActorCriticTerms:
-    """Policy gradient with a Monte-Carlo advantage, squared value error, policy entropy.
+    """Policy gradient with the advantage R_t - V, squared value error, policy entropy.
 
     Args:
         log_probs: log pi(. | o_t, x, k) in nats, shape [B, T, A].
         actions: a_t, int64, shape [B, T].
         values: V(o_t | x, k), shape [B, T]; a constant in the policy term.
-        returns: R_t, the discounted return from t to the end of the episode, shape [B, T].
+        returns: R_t, discounted or lambda-returns from t on, shape [B, T].
         valid: 1 inside the episode, 0 after its end, shape [B, T].
 
     Returns:

@@ -32,7 +32,7 @@ def check_film_path(path: Path) -> None:
             import imageio_ffmpeg  # noqa: F401
         except ImportError as error:
             raise OutputError(
-                f"{path}: MP4 needs imageio-ffmpeg: pip install 'vhs[mp4]'; a name in .gif needs nothing"
+                f"{path}: MP4 needs imageio-ffmpeg: pip install -e '.[mp4]'; a name in .gif needs nothing"
             ) from error
 
 

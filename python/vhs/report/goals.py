@@ -126,7 +126,7 @@ def feature_section(goals: StoredGoals | None, why: str) -> Section:
     try:
         from sklearn.manifold import TSNE
     except ImportError:
-        return Section("features", title, missing("t-SNE needs scikit-learn: pip install 'vhs[report]'"))
+        return Section("features", title, missing("t-SNE needs scikit-learn: pip install -e '.[report]'"))
     labels = np.flatnonzero(goals.has_prototype)
     points = np.concatenate([goals.features, goals.prototypes[labels]])
     points = points / np.linalg.norm(points, axis=1, keepdims=True)

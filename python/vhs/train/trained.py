@@ -34,7 +34,7 @@ class TrainedAgent:
 
 
 def load_agent(path: Path) -> TrainedAgent:
-    """Load the newest checkpoint of a run, or an exported agent.
+    """Load the newest checkpoint of a run, or an exported agent, ready to act: batch norm in evaluation mode.
 
     Args:
         path: directory of the run or of the exported agent.
@@ -47,6 +47,7 @@ def load_agent(path: Path) -> TrainedAgent:
     check_runnable(config)
     with closing(make_envs(config, 1)[0]) as env:
         learner = make_learner(config, env)
+    learner.agent.eval()
     if is_exported(path):
         from vhs.train.agent_file import read_agent
 
