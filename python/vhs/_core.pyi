@@ -170,8 +170,8 @@ class GoalStore:
         the store wait.
 
         Raises:
-            OSError: The fitting subclass, such as PermissionError; the file is then as it was, or new and whole
-                where only its directory could not be synced.
+            OSError: The fitting subclass, such as PermissionError; the file is then as it was, or new and
+                whole where only its directory could not be synced.
         """
 
     @staticmethod
@@ -610,8 +610,8 @@ class EpisodeBuffer:
         where they lie, without a second copy. Other threads that use the buffer wait.
 
         Raises:
-            OSError: The fitting subclass, such as PermissionError; the file is then as it was, or new and whole
-                where only its directory could not be synced.
+            OSError: The fitting subclass, such as PermissionError; the file is then as it was, or new and
+                whole where only its directory could not be synced.
         """
 
     @staticmethod
