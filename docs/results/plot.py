@@ -13,8 +13,7 @@ mpl.use("Agg")
 
 import matplotlib.pyplot as plt
 
-PAPER_SUCCESS = {"VHS": 0.920, "GDAN": 0.743}
-"""Final success rates of Task 2 in the paper's table."""
+from vhs.eval.paper import SUCCESS
 
 COLOURS = {"success": "#1b7f4d", "failure": "#c0392b", "timeout": "#7f8c8d"}
 
@@ -28,7 +27,8 @@ def draw(log: Path, picture: Path) -> None:
         axes.plot(
             episodes, [row[f"rate/{outcome}"] for row in rows], color=colour, label=outcome, linewidth=1.5
         )
-    for name, rate in PAPER_SUCCESS.items():
+    for method in ("vhs", "gdan"):
+        rate, name = SUCCESS["task2"][method], method.upper()
         axes.axhline(rate, color="black", linewidth=0.7, linestyle=":")
         label = f"{name} in\nthe paper\n{rate:.1%}"
         axes.annotate(label, (1.01, rate), xycoords=("axes fraction", "data"), va="center", fontsize=8)

@@ -18,9 +18,16 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-PAPER_VHS = {"task1": 0.914, "task2": 0.920, "task3": 0.895}
-"""Final success rates in the paper's table."""
-METHODS = {"vhs": "#1b7f4d", "pg": "#cc79a7", "gdan": "#e69f00", "gcsl": "#56b4e9", "a3c": "#7f8c8d"}
+from vhs.eval.paper import SUCCESS
+
+METHODS = {
+    "vhs": "#1b7f4d",
+    "pg": "#cc79a7",
+    "gdan": "#e69f00",
+    "gdan-learning_rate=0.0005": "#8c510a",
+    "gcsl": "#56b4e9",
+    "a3c": "#7f8c8d",
+}
 ABLATIONS = {
     "vhs": ("vhs: failures, probability 0.8", "#1b7f4d"),
     "vhs-relabel_probability=0.4": ("probability 0.4", "#56b4e9"),
@@ -43,12 +50,10 @@ def draw(records: Path, picture: Path) -> None:
         curves[task, variant].append(np.array([(row[0], row[2]) for row in run["curve"]]))
     figure, grid = plt.subplots(2, 2, figsize=(13, 8.6), layout="constrained", sharey=True)
     *tasks, ablations = grid.flat
-    for (task, paper), axes in zip(PAPER_VHS.items(), tasks, strict=True):
+    for (task, paper), axes in zip(SUCCESS.items(), tasks, strict=True):
         for method, colour in METHODS.items():
-            # What a method is told of its goal is in the name where it is not a prototype.
-            runs = curves[task, method] or curves[task, f"{method}-embedding=word"]
-            _band(axes, runs, method, colour)
-        axes.axhline(paper, color=METHODS["vhs"], linewidth=0.8, linestyle=":")
+            _band(axes, curves[task, method], method, colour)
+        axes.axhline(paper["vhs"], color=METHODS["vhs"], linewidth=0.8, linestyle=":")
         axes.set(title=f"Task {task[-1]} (dotted: VHS in the paper)")
     for variant, (label, colour) in ABLATIONS.items():
         _band(ablations, curves["task2", variant], label, colour)

@@ -20,12 +20,11 @@ from vhs.eval.metrics import (
     sample_efficiency_improvement,
     sample_requirement_ratio,
 )
+from vhs.eval.paper import REFERENCE_RATE
 from vhs.eval.runs import Group, Run, find_runs, group_runs, load_runs
 
 WINDOW = 2_000
 """Training episodes over which success is averaged to say that a rate is reached."""
-PAPER_RATE = 0.743
-"""The paper's criterion: GDAN's success on Task 2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +112,9 @@ class Comparison:
     """What a reader must know to judge the numbers."""
 
 
-def compare(paths: Sequence[Path], *, rate: float = PAPER_RATE, reference: str | None = None) -> Comparison:
+def compare(
+    paths: Sequence[Path], *, rate: float = REFERENCE_RATE, reference: str | None = None
+) -> Comparison:
     """Compare runs of one task.
 
     Args:
