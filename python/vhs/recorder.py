@@ -20,7 +20,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from vhs._core import ArgumentError, EpisodeBuffer
+from vhs._core import ArgumentError, EpisodeBuffer, ProtocolError
 from vhs.outcome import Outcome
 
 __all__ = ["GoalDict", "GoalReader", "HindsightRecorder", "Instruction", "Seen", "make_buffer"]
@@ -112,7 +112,6 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         """The critic's value at the newest observation, where there is a critic; set it before `step`."""
         self.last_id: int | None = None
         """Id of the newest episode that this environment finished."""
-        self._steps = 0
         self._reader = reader or reader_of(env.observation_space)
         self._judge = judge or default_outcome
         self._first_action = int(getattr(env.action_space, "start", 0))
@@ -130,7 +129,6 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             desired_goal=self._goal(seen.desired_goal),
             achieved_goal=self._goal(seen.achieved_goal),
         )
-        self._steps = 0
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
@@ -145,7 +143,6 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             self._frame(seen),
             achieved_goal=self._goal(seen.achieved_goal),
         )
-        self._steps += 1
         if terminated or truncated:
             outcome = self._judge(float(reward), terminated, truncated, info)
             self.last_id = self.buffer.finish(self.stream, outcome, terminated=bool(terminated))
@@ -160,9 +157,9 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     def _leave_open_episode(self) -> None:
         if not self.buffer.open[self.stream]:
             return
-        if self._steps:
+        try:
             self.last_id = self.buffer.finish(self.stream, Outcome.TIMEOUT)
-        else:
+        except ProtocolError:  # not a step of it was taken
             self.buffer.abort(self.stream)
 
     def _action(self, action: Any) -> Any:

@@ -41,8 +41,14 @@ def test_a_window_is_a_part_of_its_episode(
         padding = [batch.observations[row, used + 1 :], batch.actions[row, used:], batch.rewards[row, used:]]
         padding += [batch.values[row, used:], batch.mask[row, used:], batch.terminated[row, used:]]
         assert not any(part.any() for part in padding)
+        assert batch.labels[row] == episode.label
+        is_last = steps + 1 == len(episode)
         if not batch.relabelled[row]:
             np.testing.assert_array_equal(batch.rewards[row, :used], episode.rewards[steps])
+            np.testing.assert_array_equal(batch.terminated[row, :used], is_last & episode.terminated)
+            np.testing.assert_array_equal(batch.truncated[row, :used], is_last & (not episode.terminated))
+            if batch.goals is not None:
+                np.testing.assert_array_equal(batch.goals[row], recording.told(int(batch.ids[row])))
             continue
         goal = recording.goal(int(batch.goal_ids[row]), int(batch.goal_steps[row]))
         np.testing.assert_array_equal(batch.goals[row], goal)
@@ -50,6 +56,7 @@ def test_a_window_is_a_part_of_its_episode(
         reached = (steps + 1 == batch.goal_steps[row]) & own
         np.testing.assert_array_equal(batch.rewards[row, :used], np.where(reached, 0.0, -1.0))
         np.testing.assert_array_equal(batch.terminated[row, :used], reached)
+        np.testing.assert_array_equal(batch.truncated[row, :used], is_last & ~reached)
 
 
 def test_a_function_judges_every_step_of_every_window_in_one_call() -> None:
@@ -69,6 +76,29 @@ def test_a_function_judges_every_step_of_every_window_in_one_call() -> None:
         expected = -np.linalg.norm(reached - batch.goals[row], axis=-1)
         np.testing.assert_array_equal(batch.rewards[row, :used], expected)
         assert not batch.rewards[row, used:].any()
+
+
+def test_a_function_says_where_windows_end_too() -> None:
+    recording = record([4, 6, 5])
+
+    def judge(achieved: np.ndarray, goals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rewards = np.arange(achieved.shape[0] * achieved.shape[1]).reshape(achieved.shape[:2])
+        return rewards, rewards % 2 == 1
+
+    batch = recording.buffer.sample_windows(9, 3, 2, "future", probability=0.5, reward=judge)
+    assert 0 < batch.relabelled.sum() < 9
+    rewards, ends = judge(np.zeros((9, 5, 3)), np.zeros((9, 5, 3)))
+    for row in range(9):
+        used, episode = int(batch.lengths[row]), recording.episodes[batch.ids[row]]
+        steps = np.arange(batch.steps[row], batch.steps[row] + used)
+        if batch.relabelled[row]:
+            expected = rewards[row, :used], ends[row, :used]
+        else:
+            expected = episode.rewards[steps], (steps + 1 == len(episode)) & episode.terminated
+        np.testing.assert_array_equal(batch.rewards[row, :used], expected[0])
+        np.testing.assert_array_equal(batch.terminated[row, :used], expected[1])
+        assert not batch.rewards[row, used:].any()
+        assert not batch.terminated[row, used:].any()
 
 
 def test_windows_go_into_out() -> None:

@@ -206,10 +206,11 @@ def test_sources_are_shared_within_a_thread_and_closed_beyond_a_few(room: RoomEn
     assert first_person_source("mujoco", model, 84) is not first
 
 
-def test_a_forked_worker_draws_the_same_picture_as_its_parent() -> None:
-    code = """
+@pytest.mark.parametrize("renderer", ["raster", "mujoco"])
+def test_a_forked_worker_draws_the_same_picture_as_its_parent(renderer: str) -> None:
+    code = f"""
 import os, gymnasium, vhs.envs
-env = gymnasium.make("vhs/InteractiveObjectNav-v0")
+env = gymnasium.make("vhs/InteractiveObjectNav-v0", renderer={renderer!r})
 before = env.reset(seed=3)[0]["image"]
 child = os.fork()
 after = env.reset(seed=3)[0]["image"]

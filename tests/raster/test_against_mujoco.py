@@ -40,6 +40,18 @@ def test_every_shape_texture_light_and_camera(antialias: str) -> None:
             assert_close(differences(expected, actual, data, camera))
 
 
+@pytest.mark.parametrize("antialias", ["off", "multisample"])
+def test_planes_seen_from_below_are_nearly_clear(antialias: str) -> None:
+    model = shapes_model(samples=4 if antialias == "multisample" else 0)
+    data, camera = mujoco.MjData(model), mujoco.MjvCamera()
+    mujoco.mj_forward(model, data)
+    camera.lookat[:], camera.distance = (0, 0, 0.4), 2
+    expected = reference(model, 120, 160)
+    actual = RasterRenderer(model, 120, 160, antialias=antialias)
+    for camera.elevation in (20, 40, 60):
+        assert_close(differences(expected, actual, data, camera))
+
+
 def test_the_room_in_two_hundred_random_states() -> None:
     vhs.envs.register_envs()
     env = gymnasium.make("vhs/MultiInteractionObjNav-v0", renderer="none").unwrapped

@@ -100,17 +100,6 @@ def test_a_batch_equals_its_single_pictures(model: mujoco.MjModel, renderer: Ras
         assert np.array_equal(picture(renderer, data), one)
 
 
-@pytest.mark.parametrize("antialias", ["off", "multisample", "supersample"])
-def test_planes_seen_from_below_are_nearly_clear(model: mujoco.MjModel, antialias: str) -> None:
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    camera = mujoco.MjvCamera()
-    camera.lookat[:], camera.distance, camera.elevation = (0, 0, 0.4), 2, 40
-    renderer = RasterRenderer(model, 64, 64, antialias=antialias)
-    renderer.update_scene(data, camera)
-    assert renderer.render().std() > 5
-
-
 def test_refresh_reads_the_model_again(data: mujoco.MjData) -> None:
     model = shapes_model()
     renderer = RasterRenderer(model, 40, 56)

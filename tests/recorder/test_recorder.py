@@ -191,7 +191,11 @@ def test_a_new_recorder_goes_on_with_a_stream_whose_episode_is_open() -> None:
     HindsightRecorder(Line(), buffer).reset(seed=0)
     env = HindsightRecorder(Line(), buffer)
     play(env, 2)
-    assert len(buffer) == 2
+    assert len(buffer) == 2, "what had no step is dropped"
+    env.reset(seed=0)
+    env.step(0)
+    play(HindsightRecorder(Line(), buffer), 2)
+    assert buffer.gather(buffer.ids).lengths.tolist() == [6, 6, 1, 6, 6], "what had one is kept"
 
 
 def test_the_number_of_goals_is_read_off_the_space() -> None:

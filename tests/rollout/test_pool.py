@@ -82,7 +82,7 @@ def test_first_ready_takes_what_is_there() -> None:
 
 class Slow(Ledger):
     def step(self, action: Any) -> Any:
-        time.sleep(0.3)
+        time.sleep(1.0)
         return super().step(action)
 
 
@@ -270,6 +270,24 @@ class WrongShape(Ledger):
 
 
 def test_an_info_that_is_too_large_is_an_error_that_says_so() -> None:
+    with RolloutPool(Verbose, 1, info_bytes=4096) as pool:
+        pool.reset()
+        pool.recv()
+        pool.send([3000])
+        assert len(pool.recv().infos[0]["long"]) == 3000
+        pool.send([5000])
+        with pytest.raises(ValueError, match=r"info_bytes: expected .* info of 5\d+ bytes, found 4096"):
+            pool.recv()
+
+
+class Verbose(Ledger):
+    action_space = gym.spaces.Discrete(10_000)
+
+    def step(self, action: Any) -> Any:
+        return *super().step(action)[:4], {"long": "x" * int(action)}
+
+
+def test_options_that_are_too_large_are_an_error_that_says_so() -> None:
     with RolloutPool(Ledger, 1, info_bytes=4096) as pool:
         pool.reset(options={"long": "x" * 3900})
         assert len(pool.recv().infos[0]["options"]["long"]) == 3900
@@ -336,8 +354,9 @@ def test_idle_workers_and_an_idle_learner_take_next_to_no_time() -> None:
             ]
             return [sum(map(int, pair)) / os.sysconf("SC_CLK_TCK") for pair in ticks]
 
-        before = spent_s()
+        before, learner_s = spent_s(), time.process_time()
         time.sleep(2.0)
+        assert time.process_time() - learner_s <= 0.1, "no thread of the learner spins"
         assert all(b - a <= 0.02 for a, b in zip(before, spent_s(), strict=True)), "one per cent"
 
 

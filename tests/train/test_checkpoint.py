@@ -65,14 +65,15 @@ def test_saving_the_same_episode_again_touches_nothing(tmp_path: Path) -> None:
 
 def test_a_kill_at_any_moment_leaves_a_whole_checkpoint(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
-    for _ in range(5):
-        process = subprocess.Popen([sys.executable, "-c", WRITER, str(tmp_path)], stdout=subprocess.PIPE)
+    for turn in range(5):
+        run = tmp_path / str(turn)
+        process = subprocess.Popen([sys.executable, "-c", WRITER, str(run)], stdout=subprocess.PIPE)
         assert process.stdout is not None
         process.stdout.readline()
         time.sleep(float(rng.uniform(0, 0.05)))
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
         process.stdout.close()
-        state, store = load_checkpoint(tmp_path)
+        state, store = load_checkpoint(run)
         assert torch.all(state["weights"] == state["episode"])
         assert len(store) == 50

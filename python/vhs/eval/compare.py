@@ -246,6 +246,7 @@ def _notes(groups: Sequence[Group]) -> Iterator[str]:
         (start.get("machine"), start.get("precision"), run.config.env.num_workers, run.config.train.threads)
         for run in runs
         for start in (run.made_by, *run.made_by.get("resumed", ()))
+        if "machine" in start
     }
     if len(makings) > 1:
         yield "The runs differ in machine, precision, workers or threads: their minutes do not compare."

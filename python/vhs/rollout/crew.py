@@ -10,8 +10,8 @@ import contextlib
 import logging
 import os
 import time
-import weakref
 from collections.abc import Sequence
+from multiprocessing.util import Finalize
 
 from vhs._core import RolloutLearner
 from vhs.rollout.errors import WorkerError
@@ -52,7 +52,8 @@ class Crew:
         self._workers = [Worker(context, setup) for setup in setups]
         self._barren_deaths = [0] * len(setups)
         files = [setup.stack_file.number for setup in setups]
-        self.close = weakref.finalize(self, _close, end, self._workers, files, os.getpid())
+        # Not by `weakref`: multiprocessing waits for its processes at exit, and these must be told to end.
+        self.close = Finalize(self, _close, (end, self._workers, files, os.getpid()), exitpriority=10)
         """Ends everything; may be called again."""
         try:
             for worker in range(len(setups)):

@@ -237,6 +237,10 @@ class RolloutPool:
             wanted = self._still_wanted(wanted, is_lockstep=min_envs is None)
             slice_s = min(SLICE_S, until - time.monotonic())
             if slice_s <= 0.0:
+                # A death or a notice keeps back what lies ready: look once more now that it is seen to.
+                filled = self._end.recv(block.bytes, wanted, 0.0)
+                if filled is not None:
+                    break
                 raise TimeoutError(
                     f"expected {wanted} environments to answer within {timeout} s, found fewer"
                 )

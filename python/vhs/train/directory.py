@@ -90,8 +90,9 @@ def open_run(config: Config, run: Path, *, precision: str, episodes: int) -> Ite
             for temporary in run.glob("*.tmp"):
                 temporary.unlink()
             _write(run / CONFIG_NAME, dump_config(config))
-            meta = _meta(run, describe() | {"precision": precision}, episodes)
-            _write(run / META_NAME, json.dumps(meta, indent=2) + "\n")
+            if episodes < config.train.episodes:  # a start that trains nothing makes nothing
+                meta = _meta(run, describe() | {"precision": precision}, episodes)
+                _write(run / META_NAME, json.dumps(meta, indent=2) + "\n")
         except OSError as error:
             raise _cannot_write(run, error) from error
         yield

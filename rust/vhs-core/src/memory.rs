@@ -10,7 +10,7 @@ use std::io;
 
 use memmap2::{MmapMut, MmapOptions};
 
-/// The size of a huge page on most machines; mappings are multiples of it.
+/// The size of a huge page on most machines; chunks of frames and large results are multiples of it.
 pub(crate) const HUGE_PAGE: usize = 2 << 20;
 
 /// Bytes that are writable and initialised throughout, except that a heap block grows as it is written.
@@ -49,7 +49,7 @@ impl Block {
         let mut options = MmapOptions::new();
         options.offset(offset as u64).len(bytes);
         // SAFETY: `save` never writes to an existing file, it renames a new one over the name; the bytes under
-        // this mapping change only where someone else edits the file in place, which `load` forbids.
+        // this mapping change only where someone edits the file in place, which the caller of `map` promised not to happen.
         unsafe { options.map_copy(file) }.map(Self::Mapped)
     }
 

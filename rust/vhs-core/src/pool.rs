@@ -2,7 +2,8 @@
 //!
 //! Fresh memory is many times slower to fill than memory that was filled before, because the kernel clears
 //! every page first. Batches therefore come as [`Bytes`], whose memory returns to a pool on drop and is
-//! handed out again, aligned and in huge pages. The pool keeps at most [`POOL_BYTES`] of free memory.
+//! handed out again, aligned, and in huge pages where it is large. The pool keeps at most [`POOL_BYTES`] of
+//! free memory.
 
 use std::ops::{Deref, DerefMut};
 use std::sync::{Mutex, MutexGuard, PoisonError};
