@@ -55,6 +55,37 @@ def test_a_loaded_buffer_goes_on_alike(
     vhs.EpisodeBuffer.verify(path)  # what was mapped was never written to
 
 
+@pytest.mark.parametrize("loading", LOADINGS)
+def test_every_number_of_an_episode_is_saved(tmp_path: Path, loading: dict[str, bool]) -> None:
+    rng = np.random.default_rng(0)
+    buffer = vhs.EpisodeBuffer(
+        (5,), num_streams=1, max_episode_steps=6, capacity_steps=60, num_goals=4, num_interactions=3
+    )
+    for number in range(9):
+        buffer.begin(0, rng.integers(0, 256, 5, dtype=np.uint8), number % 4, number % 3)
+        for _ in range(1 + number % 6):
+            action, frame = int(rng.integers(6)), rng.integers(0, 256, 5, dtype=np.uint8)
+            buffer.append(0, action, float(rng.normal()), float(rng.normal()), frame)
+        buffer.finish(0, vhs.Outcome(number % 3), terminated=number % 2 == 0)
+    buffer.save(tmp_path / "numbers.episodes")
+    saved = buffer.gather(buffer.ids, padded=True)
+    loaded = load(tmp_path / "numbers.episodes", loading).gather(buffer.ids, padded=True)
+    names = [name for name in dir(saved) if isinstance(getattr(saved, name), np.ndarray)]
+    wanted = {
+        "observations",
+        "actions",
+        "rewards",
+        "values",
+        "outcomes",
+        "terminated",
+        "goals",
+        "interactions",
+    }
+    assert wanted <= set(names)
+    for name in names:
+        np.testing.assert_array_equal(getattr(saved, name), getattr(loaded, name), err_msg=name)
+
+
 def test_open_episodes_stay_with_their_environments(tmp_path: Path) -> None:
     recording = record([2, 3])
     recording.buffer.begin(

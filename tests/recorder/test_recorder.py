@@ -91,6 +91,35 @@ def test_rewards_are_those_of_the_environment_for_the_new_goals() -> None:
     )
 
 
+def test_values_stacked_frames_and_a_judge_of_the_users_are_recorded() -> None:
+    buffer = make_buffer(Line(), capacity_steps=60, max_episode_steps=6, frame_stack=2)
+    env = HindsightRecorder(Line(), buffer, judge=lambda *_: vhs.Outcome.FAILURE)
+    env.reset(seed=0)
+    for step in range(6):
+        env.value = float(step)
+        env.step(0)
+    batch = buffer.gather(buffer.ids)
+    assert batch.values[0].tolist() == [0, 1, 2, 3, 4, 5]
+    assert batch.outcomes[0] == vhs.Outcome.FAILURE
+    assert batch.observations[:, :, 0].tolist() == [[5, 5], [5, 6], [6, 7], [7, 8], [8, 9], [9, 9], [9, 9]]
+
+
+def test_real_actions_are_recorded() -> None:
+    env = gymnasium.make("Pendulum-v1", max_episode_steps=5)
+
+    def reader(observation: np.ndarray) -> Seen:
+        return Seen(observation, desired_goal=np.zeros(3, np.float32))
+
+    buffer = make_buffer(env, capacity_steps=50, reader=reader)
+    recorder = HindsightRecorder(env, buffer, reader=reader)
+    recorder.reset(seed=0)
+    actions = [np.array([number / 4], np.float32) for number in range(5)]
+    frames = [recorder.step(action)[0] for action in actions]
+    batch = buffer.gather(buffer.ids)
+    np.testing.assert_array_equal(batch.actions[0], actions)
+    np.testing.assert_array_equal(batch.observations[1:, 0], frames)
+
+
 def test_a_reset_in_the_middle_keeps_what_there_is() -> None:
     env = HindsightRecorder(Line(), make_buffer(Line(), capacity_steps=60, max_episode_steps=6))
     env.reset(seed=0)

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 import torch
 
+from vhs.algorithms import VHS
 from vhs.cli import main
 from vhs.config import Config, load_config
 from vhs.errors import CheckpointError
@@ -91,6 +92,25 @@ def test_another_configuration_is_refused_by_key(tmp_path: Path) -> None:
     with pytest.raises(CheckpointError, match=r"other values of train\.gamma"):
         train(debug_config("train.gamma=0.5"), run, StringIO())
     assert (run / "config.yaml").read_bytes() == before
+
+
+def test_a_run_that_diverges_says_so_and_keeps_its_checkpoint(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, options = tmp_path / "run", ["--config", str(CONFIGS / "debug.yaml"), "--set", "env.num_workers=0"]
+    assert main(["train", *options, "--set", "train.episodes=4", "--out", str(run)]) == 0
+    kept = {path: path.read_bytes() for path in (run / "checkpoints").rglob("*") if path.is_file()}
+
+    def infinite(self: VHS) -> float:
+        self.agent.policy[0].weight.grad[0, 0] = float("inf")
+        return step(self)
+
+    step = VHS._step
+    monkeypatch.setattr(VHS, "_step", infinite)
+    capsys.readouterr()
+    assert main(["train", *options, "--set", "train.episodes=8", "--out", str(run)]) == 1
+    assert "vhs: update 2: expected a finite gradient, found norm inf" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in (run / "checkpoints").rglob("*") if path.is_file()} == kept
 
 
 @pytest.mark.parametrize("victim", ["state.pt", "goals.vhs"])

@@ -128,7 +128,12 @@ def test_the_comparison_sees_a_single_bit(straight: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "overrides", [[], ["method.prototype=exact", "train.episodes_per_update=3", "env.num_envs=5"]]
+    "overrides",
+    [
+        [],
+        ["method.prototype=exact", "train.episodes_per_update=3", "env.num_envs=5"],
+        ["train.learners=2"],
+    ],
 )
 def test_a_run_stopped_by_ctrl_c_equals_the_uninterrupted_one(
     overrides: list[str], straight: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
