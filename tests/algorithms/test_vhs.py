@@ -1,5 +1,6 @@
 """One update of VHS: what learns from what, what stays constant, what a bad update leaves behind."""
 
+import copy
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -178,10 +179,19 @@ def test_prototypes_are_noise_until_the_store_is_warm_and_then_the_mean_of_featu
     assert not torch.equal(first, second), "an empty class draws a fresh vector for each episode"
     vhs.update([(batch, goals_for(batch))])
     assert not vhs.prototypes.seen.any()
-    fill_store(vhs)
+    twin = make_vhs()
+    for one in (vhs, twin):
+        fill_store(one)
+    agent = copy.deepcopy(vhs.agent).train()
     vhs.update([(batch, goals_for(batch))])
     assert vhs.prototypes.seen.all()
-    torch.testing.assert_close(vhs.embed_goal(1), vhs.embed_goal(1))
+    images, labels = twin.goal_store.sample(vhs._method.supcon_batch, balanced=True)
+    seen = torch.from_numpy(np.concatenate([batch.observations, images]))
+    with torch.no_grad():
+        features = agent.extractor(seen, vhs.dtype)[len(batch.observations) :]
+    means = torch.stack([features[torch.from_numpy(labels == label)].mean(0) for label in range(GOALS)])
+    torch.testing.assert_close(torch.from_numpy(np.array(vhs.prototypes.table)), means)
+    torch.testing.assert_close(vhs.embed_goal(1), means[1])
 
 
 def test_exact_prototypes_embed_stored_images_of_their_class_alone() -> None:
