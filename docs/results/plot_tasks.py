@@ -48,19 +48,25 @@ def draw(records: Path, picture: Path) -> None:
     for name, run in json.loads(records.read_text(encoding="utf-8")).items():
         task, _, variant = name.rpartition("-seed")[0].partition("-")
         curves[task, variant].append(np.array([(row[0], row[2]) for row in run["curve"]]))
-    figure, grid = plt.subplots(2, 2, figsize=(13, 8.6), layout="constrained", sharey=True)
-    *tasks, ablations = grid.flat
-    for (task, paper), axes in zip(SUCCESS.items(), tasks, strict=True):
+    tasks = [task for task in SUCCESS if any(task == known for known, _ in curves)]
+    has_ablations = any(("task2", variant) in curves for variant in ABLATIONS.keys() - METHODS.keys())
+    rows = (len(tasks) + has_ablations + 1) // 2
+    figure, grid = plt.subplots(
+        rows, 2, figsize=(13, 4.3 * rows), layout="constrained", sharey=True, squeeze=False
+    )
+    for task, axes in zip(tasks, grid.flat, strict=False):
         for method, colour in METHODS.items():
-            _band(axes, curves[task, method], method, colour)
-        axes.axhline(paper["vhs"], color=METHODS["vhs"], linewidth=0.8, linestyle=":")
+            _band(axes, curves[task, method], method.replace("-learning_rate=0.0005", " at 5e-4"), colour)
+        axes.axhline(SUCCESS[task]["vhs"], color=METHODS["vhs"], linewidth=0.8, linestyle=":")
         axes.set(title=f"Task {task[-1]} (dotted: VHS in the paper)")
-    for variant, (label, colour) in ABLATIONS.items():
-        _band(ablations, curves["task2", variant], label, colour)
-    ablations.set(title="Task 2: what is relabelled")
+    if has_ablations:
+        ablations = grid.flat[len(tasks)]
+        for variant, (label, colour) in ABLATIONS.items():
+            _band(ablations, curves["task2", variant], label, colour)
+        ablations.set(title="Task 2: what is relabelled")
     for axes in grid.flat:
         axes.set(xlabel="episodes", ylim=(0, 1), xlim=(0, None))
-        axes.legend(loc="best", framealpha=0.85, edgecolor="none", fontsize=9)
+        axes.legend(loc="best", framealpha=0.85, edgecolor="none", fontsize=8)
         axes.spines[["top", "right"]].set_visible(False)
     for axes in grid[:, 0]:
         axes.set(ylabel="success in training")
