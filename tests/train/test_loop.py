@@ -153,17 +153,10 @@ def test_a_signal_saves_and_the_same_command_resumes(
     kind: signal.Signals, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = tmp_path / "run"
-    arguments = [
-        "train",
-        "--config",
-        str(CONFIGS / "debug.yaml"),
-        "--set",
-        "train.episodes=160",
-        "--out",
-        str(run),
-    ]
+    arguments = ["train", "--config", str(CONFIGS / "debug.yaml"), "--out", str(run), "--set"]
+    endless = [*arguments, "train.episodes=100000"]
     process = subprocess.Popen(
-        [sys.executable, "-m", "vhs.cli", *arguments],
+        [sys.executable, "-m", "vhs.cli", *endless],
         stdout=subprocess.PIPE,
         text=True,
         env=os.environ | {"COLUMNS": "300"},
@@ -171,16 +164,17 @@ def test_a_signal_saves_and_the_same_command_resumes(
     deadline = time.monotonic() + 60
     while len(read_log(run)) < 1 and time.monotonic() < deadline:
         time.sleep(0.05)
-    assert main(arguments) == 1
+    assert main(endless) == 1
     assert "another process trains here" in capsys.readouterr().err
     process.send_signal(kind)
     told, _ = process.communicate(timeout=30)
     assert process.returncode == 130
     assert "the same command resumes" in told
     saved = sorted((run / "checkpoints").iterdir())
-    assert read_log(run)[-1]["episodes"] == int(saved[-1].name.removeprefix("episode-"))
-    assert main(arguments) == 0
-    assert [row["episodes"] for row in read_log(run)][-1] == 160
+    stopped = int(saved[-1].name.removeprefix("episode-"))
+    assert read_log(run)[-1]["episodes"] == stopped
+    assert main([*arguments, f"train.episodes={stopped + 40}"]) == 0
+    assert read_log(run)[-1]["episodes"] == stopped + 40
 
 
 def test_eval_prints_rates_and_spl(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

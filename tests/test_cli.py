@@ -1,0 +1,45 @@
+"""What the command says where nothing is run."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from vhs import __version__
+from vhs.cli import main
+
+
+def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit, match="0"):
+        main(["--version"])
+    assert __version__ in capsys.readouterr().out
+
+
+def test_a_missing_package_names_the_extra_that_brings_it(tmp_path: Path) -> None:
+    code = (
+        "import sys; sys.modules['torch'] = None; from vhs.cli import main; "
+        "sys.exit(main(['eval', sys.argv[1]]))"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert result.returncode == 1
+    assert "torch is not installed; in the clone: pip install -e '.[train]'" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["eval", "run", "--episodes", "0"], "--episodes"),
+        (["play", "run", "--seed", "-1"], "--seed"),
+        (["compare", "run", "--rate", "74.3"], "--rate"),
+        (["sweep"], "FILE"),
+    ],
+)
+def test_arguments_out_of_range_are_refused(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        main(arguments)
+    assert message in capsys.readouterr().err
