@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -85,9 +86,16 @@ def test_what_made_a_run_is_kept_and_each_resumption_added(tmp_path: Path) -> No
     assert [start["episodes"] for start in json.loads((run / "run.json").read_text())["resumed"]] == [12]
 
 
-def test_another_configuration_is_refused_by_key(tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    train(debug_config("train.episodes=4"), run, StringIO())
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run of four episodes, to be copied."""
+    run = tmp_path_factory.mktemp("short") / "run"
+    train(debug_config("train.episodes=4", "env.num_workers=0"), run, StringIO())
+    return run
+
+
+def test_another_configuration_is_refused_by_key(short: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(short, tmp_path / "run")
     before = (run / "config.yaml").read_bytes()
     with pytest.raises(CheckpointError, match=r"other values of train\.gamma"):
         train(debug_config("train.gamma=0.5"), run, StringIO())
@@ -95,10 +103,10 @@ def test_another_configuration_is_refused_by_key(tmp_path: Path) -> None:
 
 
 def test_a_run_that_diverges_says_so_and_keeps_its_checkpoint(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run, options = tmp_path / "run", ["--config", str(CONFIGS / "debug.yaml"), "--set", "env.num_workers=0"]
-    assert main(["train", *options, "--set", "train.episodes=4", "--out", str(run)]) == 0
+    run = shutil.copytree(short, tmp_path / "run")
+    options = ["--config", str(CONFIGS / "debug.yaml"), "--set", "env.num_workers=0"]
     kept = {path: path.read_bytes() for path in (run / "checkpoints").rglob("*") if path.is_file()}
 
     def infinite(self: VHS) -> float:
@@ -107,7 +115,6 @@ def test_a_run_that_diverges_says_so_and_keeps_its_checkpoint(
 
     step = VHS._step
     monkeypatch.setattr(VHS, "_step", infinite)
-    capsys.readouterr()
     assert main(["train", *options, "--set", "train.episodes=8", "--out", str(run)]) == 1
     assert "vhs: update 2: expected a finite gradient, found norm inf" in capsys.readouterr().err
     assert {path: path.read_bytes() for path in (run / "checkpoints").rglob("*") if path.is_file()} == kept
@@ -115,9 +122,10 @@ def test_a_run_that_diverges_says_so_and_keeps_its_checkpoint(
 
 @pytest.mark.parametrize("victim", ["state.pt", "goals.vhs"])
 @pytest.mark.parametrize("damage", ["truncate", "flip", "remove"])
-def test_a_damaged_checkpoint_is_an_error_that_names_it(victim: str, damage: str, tmp_path: Path) -> None:
-    run = tmp_path / "run"
-    train(debug_config("train.episodes=4"), run, StringIO())
+def test_a_damaged_checkpoint_is_an_error_that_names_it(
+    victim: str, damage: str, short: Path, tmp_path: Path
+) -> None:
+    run = shutil.copytree(short, tmp_path / "run")
     path = run / "checkpoints" / "episode-000000004" / victim
     content = path.read_bytes()
     if damage == "truncate":
@@ -177,9 +185,8 @@ def test_a_signal_saves_and_the_same_command_resumes(
     assert read_log(run)[-1]["episodes"] == stopped + 40
 
 
-def test_eval_prints_rates_and_spl(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    run = tmp_path / "run"
-    train(debug_config("train.episodes=4"), run, StringIO())
+def test_eval_prints_rates_and_spl(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = shutil.copytree(short, tmp_path / "run")
     assert main(["eval", str(run), "--episodes", "10", "--seed", "3"]) == 0
     lines = dict(line.split() for line in capsys.readouterr().out.splitlines())
     assert float(lines["success"]) + float(lines["failure"]) + float(lines["timeout"]) == pytest.approx(
