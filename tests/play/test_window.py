@@ -20,6 +20,7 @@ pytest.importorskip("tkinter")
 
 @pytest.fixture(scope="module")
 def display() -> Iterator[None]:
+    pytest.importorskip("tkinter")
     if shutil.which("Xvfb") is None:
         pytest.skip("Xvfb is not installed")
     ours, theirs = os.pipe()
