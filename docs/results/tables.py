@@ -32,8 +32,8 @@ VARIANTS = {
     "vhs-relabel_probability=1.0": "VHS, relabel probability 1",
 }
 """How the pages name what sweeps call so."""
-Groups = dict[tuple[str, str, str], list[dict[str, float]]]
-"""Configuration, way of acting and rooms: the means of each of its runs."""
+Groups = dict[tuple[str, str], list[dict[str, float]]]
+"""Configuration and rooms: the means of each of its runs, actions sampled."""
 
 
 def comparison(groups: Groups) -> str:
@@ -45,7 +45,7 @@ def comparison(groups: Groups) -> str:
     for method in METHODS:
         cells = [METHODS[method]]
         for task, paper in SUCCESS.items():
-            runs = groups.get((f"{task}-{method}", "sampled", ", ".join(map(str, ROOMS))))
+            runs = groups.get((f"{task}-{method}", ", ".join(map(str, ROOMS))))
             shown = f"{_mean(runs, 'success', 100, ' %')} ({len(runs)})" if runs else "not run"
             cells += [shown, f"{paper[method]:.1%}".replace("%", " %")]
         lines.append(f"| {' | '.join(cells)} |")
@@ -82,28 +82,28 @@ def evaluated(records: dict[str, Any]) -> Groups:
     groups: Groups = defaultdict(list)
     for name, run in records.items():
         newest = max(entry["trained_episodes"] for entry in run["evaluations"])
-        by_way: dict[str, list[dict[str, float]]] = defaultdict(list)
-        for entry in run["evaluations"]:
-            if entry["trained_episodes"] == newest and entry["seed"] in ROOMS:
-                by_way["greedy" if entry["greedy"] else "sampled"].append(entry)
-        for way, entries in by_way.items():
-            rooms = ", ".join(str(entry["seed"]) for entry in sorted(entries, key=lambda e: e["seed"]))
-            means = {
-                key: float(np.mean([entry[key] for entry in entries]))
-                for key in ("success", "failure", "timeout", "spl")
-            }
-            groups[name.rpartition("-seed")[0], way, rooms].append(means)
+        entries = [
+            entry
+            for entry in run["evaluations"]
+            if entry["trained_episodes"] == newest and entry["seed"] in ROOMS and not entry["greedy"]
+        ]
+        rooms = ", ".join(map(str, sorted(entry["seed"] for entry in entries)))
+        means = {
+            key: float(np.mean([entry[key] for entry in entries]))
+            for key in ("success", "failure", "timeout", "spl")
+        }
+        groups[name.rpartition("-seed")[0], rooms].append(means)
     return groups
 
 
 def evaluations(groups: Groups) -> str:
-    """Success, outcomes and SPL of each configuration, task and way of acting."""
+    """Success, outcomes and SPL of each configuration and task."""
     lines = [
-        "| | actions | rooms | seeds | success | failure | timeout | SPL |",
-        "|---|---|---|---|---|---|---|---|",
+        "| | rooms | seeds | success | failure | timeout | SPL |",
+        "|---|---|---|---|---|---|---|",
     ]
-    for (name, way, rooms), runs in sorted(groups.items(), key=lambda item: _place(item[0][0])):
-        cells = [_shown(name), way, rooms, str(len(runs)), _mean(runs, "success", 100, " %")]
+    for (name, rooms), runs in sorted(groups.items(), key=lambda item: _place(item[0][0])):
+        cells = [_shown(name), rooms, str(len(runs)), _mean(runs, "success", 100, " %")]
         cells += [
             _mean(runs, "failure", 100, " %"),
             _mean(runs, "timeout", 100, " %"),
