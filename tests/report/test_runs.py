@@ -1,8 +1,9 @@
-"""Which directories a report takes for runs."""
+"""Which directories a report takes for runs, and what it calls them."""
 
 from pathlib import Path
 
-from vhs.report.runs import find_runs
+from vhs.config import load_config
+from vhs.report.runs import Run, find_runs, group_runs
 
 
 def make_run(path: Path) -> None:
@@ -25,3 +26,17 @@ def test_links_are_followed_and_a_run_counts_once(tmp_path: Path) -> None:
     (runs / "there").symlink_to(tmp_path / "disk")
     (runs / "there" / "back").symlink_to(runs)
     assert [run.name for run in find_runs(runs)] == ["again", "there/long"]
+
+
+def test_a_variant_is_called_so_on_a_task_where_it_is_alone() -> None:
+    def run(*assignments: str) -> Run:
+        return Run(Path(), " ".join(assignments), load_config([], assignments), (), {}, ())
+
+    slow, fast = "method.name=gdan", "train.learning_rate=5e-4"
+    groups = group_runs([run(slow), run(slow, fast), run(slow, fast, "task=task3"), run("task=task3")])
+    assert [(group.task, group.label) for group in groups] == [
+        ("Task 2", "GDAN"),
+        ("Task 2", "GDAN, learning_rate=0.0005"),
+        ("Task 3", "GDAN, learning_rate=0.0005"),
+        ("Task 3", "VHS"),
+    ]

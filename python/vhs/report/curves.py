@@ -33,6 +33,8 @@ COSTS = {
     "speed/steps_per_s": "environment steps a second",
     "time/minutes": "minutes since the start",
 }
+_COLOURS = 8
+"""Of the style sheet, for groups."""
 _SMOOTHED_SHARE = 40
 """A curve is smoothed over a 40th of its rows: enough to see the trend, too little to move it."""
 
@@ -83,12 +85,12 @@ def cost_section(groups: Sequence[Group]) -> Section:
 
 
 def _charts(groups: Sequence[Group]) -> Iterator[tuple[str, list[Group]]]:
-    """What is drawn together, and its name: the groups of a task, variants of methods apart from methods."""
+    """What is drawn together, and its name: the groups of a task; of many, variants apart from methods."""
     for task in dict.fromkeys(group.task for group in groups):
         members = [group for group in groups if group.task == task]
         plain = [group for group in members if not group.variant]
         variants = [group for group in members if group.variant]
-        if len(plain) < 2 or not variants:
+        if len(members) <= _COLOURS or len(plain) < 2 or not variants:
             yield task, members
         else:
             varied = {group.method for group in variants}
@@ -97,10 +99,10 @@ def _charts(groups: Sequence[Group]) -> Iterator[tuple[str, list[Group]]]:
 
 
 def _colours(groups: Sequence[Group]) -> dict[str, str]:
-    """A colour for each label, the same on every task; they repeat after eight, the methods first."""
+    """A colour for each label, the same on every task; methods come first, and after eight they repeat."""
     plain = {group.label for group in groups if not group.variant}
     ordered = sorted({group.label for group in groups}, key=lambda name: (name not in plain, name))
-    return {name: f"var(--c{index % 8})" for index, name in enumerate(ordered)}
+    return {name: f"var(--c{index % _COLOURS})" for index, name in enumerate(ordered)}
 
 
 def _small_charts(groups: Sequence[Group], keys: dict[str, str]) -> str:

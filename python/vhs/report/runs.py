@@ -125,11 +125,11 @@ def _task(run: Run) -> str:
 
 
 def _label(members: Sequence[Run], runs: Sequence[Run]) -> str:
-    """The method as the paper writes it, and what sets it apart from others of this task."""
+    """The method as the paper writes it, and what sets it apart from others, the same on every task."""
     config = members[0].config
     if config is None:
         return members[0].name
-    peers = [_settings(run.config) for run in runs if run.config and run.config.task == config.task]
+    peers = [_settings(run.config) | {"task": config.task} for run in runs if run.config]
     method, *changed = label(_settings(config), peers).split()
     return ", ".join([method.upper(), *changed])
 
