@@ -179,9 +179,9 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
 def default_outcome(reward: float, terminated: bool, truncated: bool, info: dict[str, Any]) -> Outcome:
     """What the environment says, in the first of these ways that it has.
 
-    `info["outcome"]`, a name; `info["is_success"]` or `info["success"]`, without which a terminated episode
-    is a failure; terminated with a positive reward is a success, with another a failure; the rest is a
-    timeout.
+    `info["outcome"]`, a name; `info["is_success"]` or `info["success"]`, where not true a terminated episode
+    is a failure and another a timeout; terminated with a positive reward is a success, with another a
+    failure; the rest is a timeout.
     """
     if "outcome" in info:
         return Outcome.from_name(info["outcome"])

@@ -15,6 +15,7 @@ mod goals;
 mod hindsight;
 mod prototypes;
 mod raster;
+mod raster_feed;
 mod relabel;
 mod returns;
 mod rng;

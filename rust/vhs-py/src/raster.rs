@@ -12,7 +12,7 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use numpy::{
-    PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyReadwriteArrayDyn,
+    PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyReadwriteArrayDyn,
     PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
@@ -22,9 +22,10 @@ use vhs_raster::{
 };
 
 use crate::error::{layout, protocol, raster_to_py as to_py, shape};
+use crate::raster_feed::{Feed, Gaze, Handle};
 
 /// The error for an array that has gaps between its rows.
-fn gaps(field: &'static str) -> impl Fn(numpy::AsSliceError) -> PyErr {
+pub(crate) fn gaps(field: &'static str) -> impl Fn(numpy::AsSliceError) -> PyErr {
     move |_| layout(field, "a C-contiguous array", "one with strides")
 }
 
@@ -235,20 +236,6 @@ fn shape_of(kind: i32, size: [f64; 3], mesh: i32) -> PyResult<Shape> {
     })
 }
 
-type Handle = Py<numpy::PyArrayDyn<f64>>;
-
-/// Arrays of one simulation, read at every frame.
-struct Feed {
-    geom_xpos: Handle,
-    geom_xmat: Handle,
-    site_xpos: Handle,
-    site_xmat: Handle,
-    light_xpos: Handle,
-    light_xdir: Handle,
-    cam_xpos: Handle,
-    cam_xmat: Handle,
-}
-
 /// What one frame needs besides the scene.
 struct State {
     view: View,
@@ -265,9 +252,6 @@ pub struct RasterCanvas {
     geoms: usize,
     state: Mutex<State>,
 }
-
-/// Where a camera is: position, gaze and up vector.
-type Gaze = [[f64; 3]; 3];
 
 #[pymethods]
 impl RasterCanvas {
@@ -449,90 +433,4 @@ impl RasterCanvas {
     fn orbit(look_at: [f64; 3], distance: f64, azimuth: f64, elevation: f64) -> Gaze {
         Camera::orbit(look_at, distance, azimuth, elevation)
     }
-}
-
-impl Feed {
-    fn read_poses(&self, py: Python<'_>, view: &mut View, geoms: usize) -> PyResult<()> {
-        let (position, rotation) = (
-            self.geom_xpos.bind(py).readonly(),
-            self.geom_xmat.bind(py).readonly(),
-        );
-        view.set_poses(
-            0,
-            position.as_slice().map_err(gaps("position"))?,
-            rotation.as_slice().map_err(gaps("rotation"))?,
-        )
-        .map_err(to_py)?;
-        let (position, rotation) = (
-            self.site_xpos.bind(py).readonly(),
-            self.site_xmat.bind(py).readonly(),
-        );
-        view.set_poses(
-            geoms,
-            position.as_slice().map_err(gaps("position"))?,
-            rotation.as_slice().map_err(gaps("rotation"))?,
-        )
-        .map_err(to_py)
-    }
-
-    fn read_lights(
-        &self,
-        py: Python<'_>,
-        view: &mut View,
-        lights: &[Option<usize>],
-    ) -> PyResult<()> {
-        let (position, direction) = (
-            self.light_xpos.bind(py).readonly(),
-            self.light_xdir.bind(py).readonly(),
-        );
-        let (position, direction) = (
-            position.as_slice().map_err(gaps("position"))?,
-            direction.as_slice().map_err(gaps("direction"))?,
-        );
-        for (index, light) in lights.iter().enumerate() {
-            if let Some(light) = light {
-                let (at, towards) = (three(position, *light)?, three(direction, *light)?);
-                view.set_light(index, true, at, towards).map_err(to_py)?;
-            }
-        }
-        Ok(())
-    }
-
-    fn gaze_of(&self, py: Python<'_>, camera: i64) -> PyResult<Gaze> {
-        let camera = usize::try_from(camera).map_err(|_| {
-            to_py(Error::Range {
-                what: "camera",
-                expected: "a number of at least 0, or a gaze",
-                got: camera.to_string(),
-            })
-        })?;
-        let (position, rotation) = (
-            self.cam_xpos.bind(py).readonly(),
-            self.cam_xmat.bind(py).readonly(),
-        );
-        let position = three(position.as_slice().map_err(gaps("position"))?, camera)?;
-        let rotation = rotation.as_slice().map_err(gaps("rotation"))?;
-        let [x, y, z] = [
-            three(rotation, 3 * camera)?,
-            three(rotation, 3 * camera + 1)?,
-            three(rotation, 3 * camera + 2)?,
-        ];
-        Ok([position, [-x[2], -y[2], -z[2]], [x[1], y[1], z[1]]])
-    }
-}
-
-/// Row `index` of an array with three columns.
-fn three(values: &[f64], index: usize) -> PyResult<[f64; 3]> {
-    values
-        .as_chunks::<3>()
-        .0
-        .get(index)
-        .copied()
-        .ok_or_else(|| {
-            to_py(Error::Index {
-                what: "row of the simulation",
-                index,
-                len: values.len() / 3,
-            })
-        })
 }
