@@ -79,7 +79,7 @@ def main() -> None:
     torch.set_num_threads(config.train.threads)
     keep_freed_memory()
     with tempfile.TemporaryDirectory() as run:
-        session = loop._Session(config, Path(run))
+        session = loop.Session(config, Path(run))
         log = RunLog(Path(run), config.train.episodes, 0, io.StringIO())
         _advance(session, log, options.warm)
         watch.seconds.clear()

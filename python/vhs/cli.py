@@ -1,4 +1,4 @@
-"""The command line: ``vhs train``, ``eval``, ``export``, ``sweep``, ``compare``, ``play`` and ``report``.
+"""The command line, ``vhs COMMAND``: training, evaluation, comparison and what shows them.
 
 Heavy imports wait until a command needs them, so that ``vhs --help`` answers at once.
 """
@@ -11,6 +11,7 @@ import os
 import select
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from vhs import VhsError, __version__
@@ -70,25 +71,12 @@ def _parser() -> argparse.ArgumentParser:
     _add_compare(commands.add_parser("compare", help="compare trained agents over their seeds"))
     _add_play(commands.add_parser("play", help="watch a trained agent, or drive the robot"))
     _add_report(commands.add_parser("report", help="write a page about a run, or about several"))
+    _add_bench(commands.add_parser("bench", help="measure how fast this machine steps the rooms and trains"))
     return parser
 
 
 def _add_train(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--config",
-        type=Path,
-        action="append",
-        default=[],
-        metavar="FILE",
-        help="YAML overlay; may be repeated",
-    )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="set one key, after all files; may be repeated",
-    )
+    _add_config(parser)
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="directory of the run (default: runs/TASK-METHOD-seedN)"
     )
@@ -180,6 +168,37 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=_report, extra="report")
 
 
+def _add_bench(parser: argparse.ArgumentParser) -> None:
+    _add_config(parser)
+    parser.add_argument(
+        "--seconds",
+        type=_positive,
+        default=10,
+        metavar="N",
+        help="of each measurement, after half as long to warm up (default: 10)",
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=_bench)
+
+
+def _add_config(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--config",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="YAML overlay; may be repeated",
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="set one key, after all files; may be repeated",
+    )
+
+
 def _train(options: argparse.Namespace) -> int:
     from vhs.config import load_config
     from vhs.train import train
@@ -268,6 +287,26 @@ def _report(options: argparse.Namespace) -> int:
     from vhs.report import report
 
     print(report(options.path, options.out, episodes=options.episodes, seed=options.seed))
+    return 0
+
+
+def _bench(options: argparse.Namespace) -> int:
+    from vhs.config import load_config
+    from vhs.train.bench import bench
+
+    config = load_config(options.config, options.set)
+    print(f"measuring for {3 * options.seconds} seconds", file=sys.stderr)
+    speed = bench(config, options.seconds)
+    if options.json:
+        print(json.dumps(asdict(speed)))
+        return 0
+    print(f"{speed.task}, {speed.method}; {speed.cores} cores, {speed.threads} thread(s), {speed.precision}")
+    print(f"rooms alone  {speed.rooms_steps_per_s:7.0f} steps/s")
+    print(f"training     {speed.steps_per_s:7.0f} steps/s, {speed.episodes_per_s:.0f} episodes/s")
+    print(
+        f"{config.train.episodes} episodes take at most {speed.minutes_at_most:.0f} minutes: "
+        "they get shorter as the agent learns"
+    )
     return 0
 
 

@@ -18,7 +18,7 @@ from vhs.errors import CheckpointError
 from vhs.train import train
 from vhs.train.directory import open_run
 from vhs.train.log import RunLog, read_log
-from vhs.train.loop import _Session
+from vhs.train.loop import Session
 
 DEBUG = Path(__file__).parents[2] / "configs" / "debug.yaml"
 EPISODES = 80
@@ -35,7 +35,7 @@ def test_a_checkpoint_that_another_process_made_since_is_not_gone_back_from(tmp_
     run = tmp_path / "run"
     train(configured("train.episodes=4"), run, StringIO())
     config = configured("train.episodes=12")
-    stale = _Session(config, run)
+    stale = Session(config, run)
     stale.close()
     train(configured("train.episodes=8"), run, StringIO())
     before = (run / "run.json").read_bytes(), (run / "config.yaml").read_bytes()
@@ -142,15 +142,15 @@ def test_a_run_stopped_by_ctrl_c_equals_the_uninterrupted_one(
     if overrides:
         other = tmp_path / "straight"
         train(config, other, StringIO())
-    advance = _Session.advance
+    advance = Session.advance
 
-    def interrupted(self: _Session, log: RunLog) -> None:
+    def interrupted(self: Session, log: RunLog) -> None:
         advance(self, log)
         if self.progress.episodes > 44 and self._waiting and self._rollout._running:
             signal.raise_signal(signal.SIGINT)
 
     with monkeypatch.context() as patch:
-        patch.setattr(_Session, "advance", interrupted)
+        patch.setattr(Session, "advance", interrupted)
         assert not train(config, run, StringIO())
     stopped = newest_episode(run)
     assert 44 < stopped < EPISODES

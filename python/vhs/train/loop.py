@@ -64,7 +64,7 @@ def train(config: Config, run: Path, stream: TextIO | None = None) -> bool:
     check_run(config, run)
     torch.set_num_threads(config.train.threads)
     keep_freed_memory()
-    session = _Session(config, run)
+    session = Session(config, run)
     with (
         closing(session),
         open_run(
@@ -97,10 +97,11 @@ def train(config: Config, run: Path, stream: TextIO | None = None) -> bool:
         return session.is_finished
 
 
-class _Session:
+class Session:
     """One run's parts, from its first episode or from its last checkpoint."""
 
     def __init__(self, config: Config, run: Path) -> None:
+        """Take up the run in a directory where it stands."""
         self._config = config
         self._run = run
         self.progress = Progress()
@@ -128,6 +129,7 @@ class _Session:
 
     @property
     def is_finished(self) -> bool:
+        """Whether as many episodes as `train.episodes` have been learned from."""
         return self.progress.episodes >= self._config.train.episodes
 
     def advance(self, log: RunLog) -> None:

@@ -1,6 +1,6 @@
 """Resuming: what a checkpoint holds of episodes that are not learned from yet, and how they come back.
 
-A checkpoint is made between two moves of the training loop (`_Session.advance`: a step of the rooms, or one
+A checkpoint is made between two moves of the training loop (`Session.advance`: a step of the rooms, or one
 update). At that moment every episode that has begun is one of
 
 - learned from: counted in `Progress`, its result in the goal store, in the weights and in a row of the log or

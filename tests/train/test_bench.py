@@ -1,0 +1,33 @@
+"""What `vhs bench` says of a machine, and that it leaves nothing behind."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from vhs.cli import main
+
+QUICK = ["--config", "configs/debug.yaml", "--set", "env.num_workers=0", "--seconds", "1"]
+
+
+def test_rooms_and_training_are_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    assert main(["bench", *QUICK, "--json"]) == 0
+    speed = json.loads(capsys.readouterr().out)
+    assert 0 < speed["steps_per_s"] < speed["rooms_steps_per_s"]
+    # An episode of the rooms takes one to twenty steps.
+    assert 1 <= speed["steps_per_s"] / speed["episodes_per_s"] <= 20
+    assert list(tmp_path.glob("vhs-bench-*")) == []
+
+
+def test_a_configuration_is_that_of_a_training(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["bench", *QUICK, "--set", "train.epsiodes=3"]) == 1
+    assert "train.episodes" in capsys.readouterr().err
+
+
+def test_no_episode_learned_from_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    too_many = ["--set", "env.num_envs=1", "--set", "train.episodes_per_update=100000"]
+    assert main(["bench", *QUICK, *too_many]) == 1
+    assert "expected episodes to be learned from within 1 s, found none" in capsys.readouterr().err
