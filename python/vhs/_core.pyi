@@ -10,7 +10,9 @@ Conventions of every function here:
   function takes `out`, it writes into that array (of exactly the documented dtype and shape, C-contiguous,
   writable) and returns it.
 * A call that raises has changed nothing. Every message names what was expected and what was found. All
-  exceptions derive from `VhsError`, except those of the operating system (`OSError`).
+  exceptions derive from `VhsError`, except those of the operating system (`OSError`) and what Python itself
+  says of an argument of a kind that the signature rules out, such as a word for a number (`TypeError`).
+* A buffer on disk belongs to the process that made it: a forked copy is refused (`ArgumentError`).
 * The interpreter is released while bytes are copied, and every object may be used from several threads.
 * Randomness comes from seeded generators that belong to the objects or are passed in, never from a global:
   the same seed and the same calls in the same order give the same results, whatever the number of threads
@@ -65,9 +67,6 @@ _RewardFunction = Callable[[NDArray[Any], NDArray[Any]], Any]
 class _PrototypesState(TypedDict):
     table: NDArray[np.float32]
     seen: NDArray[np.bool_]
-    rng: NDArray[np.uint64]
-
-class _RngState(TypedDict):
     rng: NDArray[np.uint64]
 
 @final
@@ -334,6 +333,7 @@ class EpisodeBuffer:
         num_goals: int = 1,
         num_interactions: int = 0,
         first_interaction_action: int = 3,
+        num_actions: int | None = None,
         dtype: DTypeLike = "uint8",
         goals: Literal["labels", "observations", "vectors"] = "labels",
         goal_shape: Sequence[int] | None = None,
@@ -353,8 +353,9 @@ class EpisodeBuffer:
             num_goals: Goal classes, at least 1.
             num_interactions: Interactions; with 0, every episode has interaction 0.
             first_interaction_action: The action that does interaction 0. Actions are in
-                0..first_interaction_action + num_interactions; those below it are moves. Where there are no
-                interactions, it is the number of actions.
+                0..first_interaction_action + num_interactions; those below it are moves.
+            num_actions: Actions in all, instead of `first_interaction_action`: the last `num_interactions` of
+                them are the interactions.
             dtype: Of frames: uint8, int8, int32, int64, float32 or float64.
             goals: What a goal is; see above.
             goal_shape: Of a goal, where goals are vectors.
@@ -400,7 +401,7 @@ class EpisodeBuffer:
         stream: int,
         action: int | ArrayLike,
         reward: float,
-        value: float,
+        value: float | None,
         frame: ArrayLike,
         *,
         achieved_goal: ArrayLike | None = None,
@@ -411,7 +412,7 @@ class EpisodeBuffer:
             stream: In 0..num_streams.
             action: Taken at the newest frame: a number, or float32 [action_dim].
             reward: Of the action.
-            value: The critic's value when acting.
+            value: The critic's value when acting; None, for learners without one: 0.
             frame: The next frame, shape `frame_shape`.
             achieved_goal: The goal reached at that frame, shape `goal_shape`; where goals are vectors.
 
@@ -426,7 +427,7 @@ class EpisodeBuffer:
         streams: ArrayLike,
         actions: ArrayLike,
         rewards: ArrayLike,
-        values: ArrayLike,
+        values: ArrayLike | None,
         frames: ArrayLike,
         *,
         achieved_goals: ArrayLike | None = None,
@@ -437,7 +438,7 @@ class EpisodeBuffer:
             streams: int64 [n], each at most once.
             actions: int64 [n], or float32 [n, action_dim].
             rewards: float32 [n].
-            values: float32 [n].
+            values: float32 [n], or None: zeros.
             frames: The next frames, [n, *frame_shape].
             achieved_goals: The goals reached at those frames, [n, *goal_shape]; where goals are vectors.
 
@@ -519,6 +520,7 @@ class EpisodeBuffer:
         Args:
             n: Episodes to draw, at least 1.
             relabel: None, or the strategy of `vhs.relabel`; the batch then has a `hindsight`.
+                `probability` and `on` need one.
             probability: Of relabelling an eligible episode.
             on: Outcomes whose episodes are eligible; None: ("failure",).
             padded: As for `gather`.
@@ -549,7 +551,7 @@ class EpisodeBuffer:
 
         Args:
             n: Steps to draw, at least 1.
-            relabel: The strategy, or None.
+            relabel: The strategy, or None. `probability`, `ratio`, `on` and `reward` need one.
             probability: Of relabelling an eligible step, in 0..=1; 0.8 where no ratio is given either.
             ratio: Instead of a probability: of every ratio + 1 rows, all but the first are relabelled.
             on: Outcomes whose episodes are eligible; None: all.
@@ -639,21 +641,15 @@ class EpisodeBuffer:
             OSError, DamagedFileError: As for `load`.
         """
 
-    def state_dict(self) -> _RngState:
-        """The generator's state. Episodes are not part of it: `save` keeps both.
+    @property
+    def rng_state(self) -> NDArray[np.uint64]:
+        """State of the generator behind sampling, uint64 [4]; settable, also to what another buffer gave.
 
-        Returns:
-            "rng" uint64 [4].
+        Setting it raises ShapeError, DtypeError or ArgumentError for what is no state.
         """
 
-    def load_state_dict(self, state: _RngState | dict[str, Any]) -> None:
-        """Go on with a generator state that `state_dict` gave.
-
-        Raises:
-            KeyError: When the entry is missing.
-            ShapeError, DtypeError, ArgumentError: For an entry that does not fit.
-        """
-
+    @rng_state.setter
+    def rng_state(self, state: ArrayLike) -> None: ...
     @property
     def ids(self) -> NDArray[np.int64]:
         """Ids of the finished episodes stored, oldest first, int64 [len(self)]."""
@@ -725,6 +721,10 @@ class EpisodeBuffer:
     @property
     def first_interaction_action(self) -> int:
         """The action that does interaction 0."""
+
+    @property
+    def num_actions(self) -> int:
+        """Actions in all, interactions included."""
 
     def __len__(self) -> int:
         """Finished episodes stored."""
@@ -1209,6 +1209,8 @@ class RasterCanvas:
 
 @final
 class RolloutLearner:
+    """The learner's end of a pool."""
+
     def __new__(
         cls,
         sizes: tuple[int, int, int, int, int],
@@ -1282,6 +1284,8 @@ class RolloutLearner:
 
 @final
 class RolloutWorker:
+    """A worker's end of a pool."""
+
     def __new__(
         cls,
         memory: int,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,7 +35,7 @@ class World:
         self.store.save(self.folder / "snapshot.goals")
         arrays = [
             *self.prototypes.state_dict().values(),
-            *self.buffer.state_dict().values(),
+            self.buffer.rng_state,
             self.buffer.observe(self.buffer.open.nonzero()[0]),
             self.buffer.ids,
             self.buffer.open,
@@ -55,6 +57,11 @@ def read_only(shape: tuple[int, ...]) -> np.ndarray:
 def sizes(**changes: object) -> Call:
     """A buffer built with some of its settings changed."""
     return lambda _: make_buffer(**changes)
+
+
+def new_buffer(**arguments: object) -> vhs.EpisodeBuffer:
+    """A buffer of tiny frames with these arguments besides."""
+    return vhs.EpisodeBuffer((1,), num_streams=1, max_episode_steps=2, capacity_steps=2, **arguments)
 
 
 def new_store(*arguments: object) -> Call:
@@ -186,7 +193,56 @@ BAD_CALLS: list[tuple[type[Exception], str, Call]] = [
     (vhs.ArgumentError, "`num_streams`: expected a number in 1..=", sizes(num_streams=0)),
     (vhs.ArgumentError, "`num_streams`: expected a number in 1..=", sizes(num_streams=HUGE)),
     (vhs.ArgumentError, "`max_episode_steps`: expected a number in 1..=", sizes(max_episode_steps=0)),
-    (vhs.ArgumentError, "`capacity_steps`: expected a number in 12..=", sizes(capacity_steps=11)),
+    (
+        vhs.ArgumentError,
+        "`capacity_steps`: expected at least num_streams * max_episode_steps = 12, got 11",
+        sizes(capacity_steps=11),
+    ),
+    (
+        vhs.ArgumentError,
+        "`num_actions`: expected at least num_interactions = 3, got 2",
+        lambda _: new_buffer(num_actions=2, num_interactions=3),
+    ),
+    (
+        vhs.ArgumentError,
+        "`num_actions`: expected either it or first_interaction_action, got both",
+        lambda _: new_buffer(num_actions=4, first_interaction_action=3),
+    ),
+    # How to relabel, where nothing says that anything is
+    (
+        vhs.ArgumentError,
+        '`ratio`: expected a strategy beside it, such as relabel="final", got relabel=None',
+        lambda world: world.buffer.sample_transitions(4, ratio=4),
+    ),
+    (
+        vhs.ArgumentError,
+        "`reward`: expected a strategy beside it",
+        lambda world: world.buffer.sample_transitions(4, reward=vhs.SparseReward()),
+    ),
+    (
+        vhs.ArgumentError,
+        "`probability`: expected a strategy beside it",
+        lambda world: world.buffer.sample_windows(4, 2, probability=0.5),
+    ),
+    (
+        vhs.ArgumentError,
+        "`on`: expected a strategy beside it",
+        lambda world: world.buffer.sample_episodes(4, on=("failure",)),
+    ),
+    # Goals that are missing, or of no use
+    (
+        vhs.DtypeError,
+        "`desired_goal`: expected an array of shape [2], got None",
+        lambda _: new_buffer(goals="vectors", goal_shape=(2,)).begin(0, np.zeros(1, np.uint8)),
+    ),
+    (
+        vhs.ArgumentError,
+        '`desired_goal`: expected None where goals are "labels", got an array',
+        lambda _: new_buffer().begin(0, np.zeros(1, np.uint8), desired_goal=[1]),
+    ),
+    # What is not pickled
+    (TypeError, "EpisodeBuffer is not pickled or copied", lambda world: copy.deepcopy(world.buffer)),
+    (TypeError, "GoalStore is not pickled or copied", lambda world: pickle.dumps(world.store)),
     (vhs.ArgumentError, "`capacity_steps`: expected a number in 0..=", sizes(capacity_steps=-1)),
     (vhs.ArgumentError, "`capacity_steps`: expected a total of at most", sizes(capacity_steps=HUGE)),
     (vhs.ArgumentError, "`frame_stack`: expected a number in 1..=", sizes(frame_stack=0)),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
 import types
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import vhs
@@ -69,3 +71,41 @@ def test_outcomes_are_named() -> None:
         vhs.ArgumentError, match='expected one of "success", "failure", "timeout", got \'won\''
     ):
         vhs.Outcome.from_name("won")
+
+
+def test_help_says_what_the_stub_says() -> None:
+    stub = ast.parse((Path(vhs.__file__).parent / "_core.pyi").read_text(encoding="utf-8"))
+    compared = 0
+    for node in stub.body:
+        if isinstance(node, ast.FunctionDef):
+            assert getattr(_core, node.name).__doc__ == ast.get_docstring(node)
+        if not isinstance(node, ast.ClassDef) or issubclass(getattr(_core, node.name, Exception), Exception):
+            continue
+        made = getattr(_core, node.name)
+        members = [member for member in node.body if isinstance(member, ast.FunctionDef)]
+        text = [ast.get_docstring(node), *(ast.get_docstring(m) for m in members if m.name == "__new__")]
+        assert made.__doc__ == "\n\n".join(text), node.name
+        for member in members:
+            said = ast.get_docstring(member)
+            if said is not None and not member.name.startswith("__"):
+                assert getattr(made, member.name).__doc__ == said, f"{node.name}.{member.name}"
+                compared += 1
+    assert compared > 100
+
+
+def test_a_buffer_without_a_critic_takes_no_values() -> None:
+    frame = np.zeros(1, np.uint8)
+    buffer = vhs.EpisodeBuffer((1,), num_streams=1, max_episode_steps=2, capacity_steps=2, num_actions=4)
+    assert (buffer.num_actions, buffer.first_interaction_action) == (4, 4)
+    buffer.begin(0, frame)
+    buffer.append(0, 3, 1.0, None, frame)
+    buffer.append_batch([0], [3], [1.0], None, [frame])
+    assert buffer.gather([buffer.finish(0, "success")]).values.tolist() == [[0.0, 0.0]]
+    moves = vhs.EpisodeBuffer(
+        (1,), num_streams=1, max_episode_steps=2, capacity_steps=2, num_actions=4, num_interactions=1
+    )
+    assert moves.first_interaction_action == 3
+
+
+def test_names_that_load_later_are_listed() -> None:
+    assert {"RolloutPool", "HindsightRecorder", "EpisodeBuffer"} <= set(dir(vhs))

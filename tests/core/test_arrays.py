@@ -98,6 +98,13 @@ def test_torch_tensors_are_accepted() -> None:
     assert prototypes.embed(torch.tensor([1])).tolist() == [[1.0, 2.0]]
 
 
+def test_a_tensor_with_a_gradient_says_what_to_do() -> None:
+    torch = pytest.importorskip("torch")
+    features = torch.zeros((1, 2), requires_grad=True)
+    with pytest.raises(vhs.DtypeError, match=r"`features`: expected an array, got Tensor \(.*detach"):
+        vhs.Prototypes(2, 2).update(features, [1])
+
+
 @pytest.mark.parametrize("dtype", [np.int8, np.uint8, np.int32, np.uint64, ">i8"])
 def test_any_integer_type_will_do_for_labels(dtype: object) -> None:
     prototypes = vhs.Prototypes(3, 1)
@@ -122,3 +129,45 @@ def test_a_larger_out_is_used_from_its_beginning() -> None:
     assert batch.observations.base is out
     np.testing.assert_array_equal(batch.observations, buffer.gather(ids).observations)
     assert (out[7:] == 255).all()
+
+
+def unaligned(values: list[int]) -> np.ndarray:
+    """Contiguous integers that begin at an odd byte, as those of a packed message do."""
+    array = np.frombuffer(b"\0" + np.array(values, np.int64).tobytes(), np.int64, offset=1)
+    assert array.flags.c_contiguous
+    assert not array.flags.aligned
+    return array
+
+
+def test_arrays_that_are_not_aligned_are_read_as_what_they_are() -> None:
+    prototypes = vhs.Prototypes(3, 4)
+    assert prototypes.embed(unaligned([1, 2])).shape == (2, 4)
+    buffer, frames = make_buffer(), FrameSource()
+    ids = [add_episode(buffer, frames, outcome=vhs.Outcome.SUCCESS) for _ in range(2)]
+    assert buffer.gather(unaligned(ids)).ids.tolist() == ids
+    store = vhs.GoalStore(5, (STACK, *FRAME_SHAPE), 4)
+    assert store.collect(buffer, unaligned(ids)) == 2
+    state = vhs.Rng(3).state
+    copy = np.frombuffer(b"\0" + state.tobytes(), np.uint64, offset=1)
+    assert vhs.Rng.from_state(copy).state.tolist() == state.tolist()
+
+
+def test_an_out_that_is_not_aligned_is_refused() -> None:
+    prototypes = vhs.Prototypes(3, 2)
+    room = np.frombuffer(bytearray(1 + 2 * 2 * 4), np.float32, offset=1).reshape(2, 2)
+    with pytest.raises(vhs.VhsError, match="`out`: expected an aligned array"):
+        prototypes.embed([0, 1], out=room)
+
+
+def test_every_true_byte_of_a_boolean_array_is_true() -> None:
+    mask = np.array([0, 255, 2], np.uint8).view(np.bool_)
+    prototypes = vhs.Prototypes(3, 1)
+    prototypes.load_state_dict(prototypes.state_dict() | {"seen": mask})
+    assert prototypes.seen.view(np.uint8).tolist() == [0, 1, 1]
+    buffer = make_buffer()
+    add_episode(buffer, FrameSource(), length=3)
+    rows = buffer.sample_transitions(
+        3, "final", probability=1.0, reward=lambda achieved, goals: (np.zeros(3), mask)
+    )
+    assert rows.terminated.view(np.uint8).tolist() == [0, 1, 1]
+    assert not (rows.terminated & rows.truncated).any()

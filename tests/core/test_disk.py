@@ -243,6 +243,60 @@ def test_a_scratch_file_holds_what_memory_would_not(tmp_path: Path) -> None:
         vhs.EpisodeBuffer((1,), num_streams=1, max_episode_steps=1, capacity_steps=1, backing=Path(__file__))
 
 
+def test_a_forked_copy_of_a_buffer_on_disk_is_refused(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", FORKED, str(tmp_path / "scratch")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+FORKED = """
+import os, sys
+import numpy as np, vhs
+buffer = vhs.EpisodeBuffer((1,), num_streams=1, max_episode_steps=1, capacity_steps=2, backing=sys.argv[1])
+def play():
+    buffer.begin(0, np.zeros(1, np.uint8))
+    buffer.append(0, 0, 0.0, 0.0, np.ones(1, np.uint8))
+    buffer.finish(0, "failure")
+play()
+child = os.fork()
+if child == 0:
+    refused = 0
+    for call in (play, lambda: buffer.gather([0])):
+        try:
+            call()
+        except vhs.ArgumentError as error:
+            refused += "to be used by the process that made it" in str(error)
+    os._exit(0 if refused == 2 else 1)
+_, status = os.waitpid(child, 0)
+assert status == 0, status
+assert buffer.gather([0]).observations.ravel().tolist() == [0, 0, 0, 1]
+"""
+
+
+def test_names_left_by_a_killed_save_are_passed_over_and_kept(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", PASSED, str(tmp_path)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+# As in a container that is started again: the same process number, the first save of it.
+PASSED = """
+import os, pathlib, sys, vhs
+folder = pathlib.Path(sys.argv[1])
+left = folder / f".goals.{os.getpid()}-0.tmp"
+left.write_bytes(b"half")
+vhs.GoalStore(1, (1,), 1).save(folder / "goals")
+vhs.GoalStore.verify(folder / "goals")
+assert left.read_bytes() == b"half"
+assert sorted(path.name for path in folder.iterdir()) == [left.name, "goals"]
+"""
+
+
 # Saves for ever: buffers of which each frame says which save it belongs to.
 SAVER = """
 import itertools, sys
@@ -300,6 +354,26 @@ def test_a_full_disk_is_an_error_and_the_old_file_stays(tmp_path: Path) -> None:
     assert path.read_bytes() == old
     assert [entry.name for entry in folder.iterdir()] == ["buffer"]
 
+
+def test_a_full_disk_under_a_scratch_file_keeps_its_number(tmp_path: Path) -> None:
+    limit = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000)); {GROWN}"
+    done = subprocess.run(
+        [sys.executable, "-c", limit, str(tmp_path / "scratch")], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+GROWN = """
+import errno, signal, sys, numpy, vhs
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+buffer = vhs.EpisodeBuffer((1,), num_streams=1, max_episode_steps=1, capacity_steps=2, backing=sys.argv[1])
+try:
+    buffer.begin(0, numpy.zeros(1, numpy.uint8))
+except OSError as error:
+    assert error.errno == errno.EFBIG, error
+    sys.exit(0)
+sys.exit(1)
+"""
 
 FULL = """
 import signal, sys, vhs

@@ -183,13 +183,13 @@ def test_same_seed_same_batches_also_after_restoring_the_generator() -> None:
     first, second = (buffer.sample_episodes(20, relabel="final", probability=0.5) for buffer in buffers)
     np.testing.assert_array_equal(first.ids, second.ids)
     np.testing.assert_array_equal(first.hindsight.selected, second.hindsight.selected)
-    state = buffers[0].state_dict()
+    state = buffers[0].rng_state
     ahead = buffers[0].sample_episodes(20).ids
     other = make_buffer(capacity_steps=60, seed=99)
     frames = FrameSource()
     for goal in range(5):
         add_episode(other, frames, goal=goal)
-    other.load_state_dict(state)
+    other.rng_state = state
     np.testing.assert_array_equal(other.sample_episodes(20).ids, ahead)
 
 

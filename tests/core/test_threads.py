@@ -172,3 +172,33 @@ def test_collecting_and_writing_do_not_wait_for_each_other() -> None:
         for task in [pool.submit(play), pool.submit(draw)]:
             task.result(timeout=60)
     assert store.counts.tolist() == [10, 10, 10]
+
+
+def test_an_array_that_another_thread_changes_is_appended_whole_or_refused() -> None:
+    shape, n, done = (32, 32), 8, Event()
+    buffer = vhs.EpisodeBuffer(shape, num_streams=n, max_episode_steps=2000, capacity_steps=n * 2000)
+    frames, zeros = np.zeros((n, *shape), np.uint8), np.zeros(n, np.float32)
+    streams, actions = np.arange(n), np.zeros(n, np.int64)
+    for stream in range(n):
+        buffer.begin(stream, frames[0])
+
+    def disturb() -> None:
+        while not done.is_set():
+            streams[-1] = 1 << 40
+            streams[-1] = n - 1
+
+    appended = refused = 0
+    with ThreadPoolExecutor(1) as pool:
+        disturber = pool.submit(disturb)
+        try:
+            for _ in range(2000):
+                try:
+                    buffer.append_batch(streams, actions, zeros, zeros, frames)
+                    appended += 1
+                except vhs.LabelError:
+                    refused += 1
+        finally:
+            done.set()
+        disturber.result(timeout=60)
+    assert appended + refused == 2000
+    assert buffer.num_steps == n * appended

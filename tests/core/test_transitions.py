@@ -62,7 +62,7 @@ def test_every_row_is_a_recorded_step_with_its_goal(
     lengths: list[int], kind: str, strategy: str | None, stack: int
 ) -> None:
     recording = record(lengths, kind, stack)
-    batch = recording.buffer.sample_transitions(40, strategy, probability=0.7)
+    batch = recording.buffer.sample_transitions(40, strategy, probability=0.7 if strategy else None)
     assert (batch.goals is None) == (kind == "labels" and strategy is None)
     check_rows(recording, batch, strategy)
 

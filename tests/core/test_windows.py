@@ -24,7 +24,9 @@ def test_a_window_is_a_part_of_its_episode(
     lengths: list[int], kind: str, strategy: str | None, length: int, burn_in: int
 ) -> None:
     recording = record(lengths, kind)
-    batch = recording.buffer.sample_windows(12, length, burn_in, strategy, probability=0.6)
+    batch = recording.buffer.sample_windows(
+        12, length, burn_in, strategy, probability=0.6 if strategy else None
+    )
     width = length + burn_in
     assert batch.actions.shape[:2] == batch.mask.shape == batch.rewards.shape == (12, width)
     for row in range(len(batch)):

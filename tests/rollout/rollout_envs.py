@@ -59,6 +59,16 @@ class Ledger(gym.Env):
         return 2 * number
 
 
+class Mortal(Ledger):
+    """Answers a question, or dies of it."""
+
+    def answer(self, *, dies: bool) -> str:
+        if dies:
+            os.kill(os.getpid(), signal.SIGKILL)
+        time.sleep(0.05)
+        return "alive"
+
+
 class OddError(Exception):
     """Pickles but does not unpickle: its constructor wants two arguments."""
 

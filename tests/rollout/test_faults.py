@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rollout_envs import Floats, Ledger, Misbehaved, length_of, mark_of
+from rollout_envs import Floats, Ledger, Misbehaved, Mortal, length_of, mark_of
 
 from vhs.rollout import Batch, RemoteTraceback, RolloutPool, WorkerError
 
@@ -141,6 +141,21 @@ def test_a_death_is_noticed_within_10_ms_while_the_others_go_on() -> None:
             assert sorted(ids) == [0, 1]
     # The dying itself is part of it, and on a busy machine that takes as long as it takes.
     assert min(delays) < 0.010, delays
+
+
+def test_a_pool_goes_on_after_workers_have_died_of_a_call() -> None:
+    with RolloutPool(Mortal, 3, 2, seed=1) as pool:
+        pool.reset()
+        pool.recv()
+        dies = [True, False, False, False, True, False]
+        with pytest.raises(
+            WorkerError, match=r"worker 0 died .* during a call; worker 2 died|worker 2 .*0 died"
+        ):
+            pool.call_each("answer", [((), {"dies": dead}) for dead in dies])
+        assert pool.num_under_way == 0
+        assert pool.call("answer", dies=False) == ("alive",) * 6
+        pool.reset()
+        assert len(pool.recv(timeout=20)) == 6
 
 
 def test_a_hanging_environment_is_killed_and_its_stack_is_logged(

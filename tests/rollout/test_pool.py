@@ -247,12 +247,15 @@ def test_refusals_change_nothing() -> None:
         ({"seed": -1}, "seed: expected"),
         ({"on_error": "ignore"}, "on_error: expected one of"),
         ({"start_method": "forkserver"}, "start_method: expected"),
-        ({"autoreset": "Sometimes"}, "Sometimes"),
+        ({"autoreset": "Sometimes"}, r"autoreset: expected one of .*'NextStep'.*, got 'Sometimes'"),
+        ({"env_fn": "vhs/ObjectNav-v0"}, "env_fn: expected a function that makes an environment.* got str"),
+        ({"env_fn": gym.Env()}, "env_fn: expected a function .* got Env"),
+        ({"env_fn": [Ledger, Ledger]}, "env_fn: expected one function or 1 of them, got 2"),
     ],
 )
 def test_settings_out_of_range_are_refused(wrong: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        RolloutPool(Ledger, **{"num_workers": 1, "envs_per_worker": 1} | wrong)
+        RolloutPool(**{"env_fn": Ledger, "num_workers": 1, "envs_per_worker": 1} | wrong)
 
 
 def test_a_wrong_observation_is_an_error_that_names_the_part() -> None:

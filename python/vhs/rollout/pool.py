@@ -109,7 +109,7 @@ class RolloutPool:
             Exception: whatever `env_fn` raised, with its traceback.
         """
         self._on_error = _checked_policy(on_error)
-        self.autoreset = Autoreset(autoreset)
+        self.autoreset = _checked_autoreset(autoreset)
         self.num_workers = _checked_size("num_workers", num_workers)
         self.envs_per_worker = _checked_size("envs_per_worker", envs_per_worker)
         self.num_envs = num_workers * envs_per_worker
@@ -133,6 +133,8 @@ class RolloutPool:
         """Failures in a row to begin an episode, by environment."""
         self._called: dict[int, Any] = {}
         """Results of the call under way, by environment; a `Failure` where one raised."""
+        self._died: list[str] = []
+        """What became of workers during the call under way."""
         self._closed = False
         common = Common(
             memory=Inherited(self._end.memory),
@@ -189,6 +191,8 @@ class RolloutPool:
     def send(self, actions: Any, env_ids: ArrayLike | None = None, version: int = 0) -> None:
         """Give actions to environments whose last answers have been received.
 
+        An environment without a running episode (never reset, or ended before) begins one instead.
+
         Args:
             actions: nested as the action space, each leaf [n, ...]; tensors on the CPU will do.
             env_ids: which environments, int [n]; all by default.
@@ -196,7 +200,7 @@ class RolloutPool:
 
         Raises:
             LabelError: an environment that does not exist.
-            ProtocolError: an environment that has a command under way, or was never reset.
+            ProtocolError: an environment that has a command under way.
             ShapeError: actions of another shape.
             DtypeError: actions that cannot be stored in the action space's type.
         """
@@ -269,6 +273,7 @@ class RolloutPool:
         if self._under_way:
             raise ProtocolError(f"`call`: expected no commands under way, found {self._under_way}")
         self._called.clear()
+        self._died.clear()
         ids = self._ids(None)
         for env in ids.tolist():
             blob = pickle.dumps((name, *arguments[env]), protocol=pickle.HIGHEST_PROTOCOL)
@@ -279,6 +284,8 @@ class RolloutPool:
             # deaths.
             self._end.wait(1, SLICE_S)
             self._attend(during_call=True)
+        if self._died:
+            raise WorkerError("; ".join(self._died))
         for result in self._called.values():
             if isinstance(result, Failure):
                 raise result.exception()
@@ -358,8 +365,9 @@ class RolloutPool:
             found = pickle.loads(self._blobs.read(env, blob_bytes))
             if during_call:
                 self._called[env] = found if flags & FAILED else found["result"]
-            else:
+            elif flags & FAILED:
                 failures.append(found)
+            # Otherwise it answers a call that was interrupted: nobody waits for it any more.
         for position, failure in enumerate(failures):
             # Should this one raise, those after it are still seen to: their environments wait for a reset.
             self._fail(failure, failures[position + 1 :])
@@ -389,8 +397,10 @@ class RolloutPool:
             self.close()
             raise
         if during_call:
+            # Said once the others have answered: a pool with answers under way could not be used again.
             self._under_way -= len(lost)
-            raise WorkerError(f"worker {worker} died ({cause}) during a call")
+            self._died.append(f"worker {worker} died ({cause}) during a call")
+            return
         # Their commands stay under way; the answers will be the first observations of new episodes.
         self._end.send(lost, [], BEGIN, 0, b"")
 
@@ -428,6 +438,11 @@ class RolloutPool:
 def _one_each(env_fn: EnvFn | Sequence[EnvFn], num_envs: int) -> list[EnvFn]:
     if callable(env_fn):
         return [env_fn] * num_envs
+    if isinstance(env_fn, str) or not isinstance(env_fn, Sequence) or not all(map(callable, env_fn)):
+        raise ArgumentError(
+            f"env_fn: expected a function that makes an environment, such as lambda: gymnasium.make(...), "
+            f"or {num_envs} of them, got {type(env_fn).__name__}"
+        )
     if len(env_fn) != num_envs:
         raise ArgumentError(f"env_fn: expected one function or {num_envs} of them, got {len(env_fn)}")
     return list(env_fn)
@@ -443,6 +458,14 @@ def _checked_policy(on_error: OnError) -> OnError:
     if on_error not in get_args(OnError):
         raise ArgumentError(f"on_error: expected one of {get_args(OnError)}, got {on_error!r}")
     return on_error
+
+
+def _checked_autoreset(autoreset: str | Autoreset) -> Autoreset:
+    try:
+        return Autoreset(autoreset)
+    except ValueError:
+        known = [mode.value for mode in Autoreset]
+        raise ArgumentError(f"autoreset: expected one of {known}, got {autoreset!r}") from None
 
 
 def _checked_seed(seed: int | None) -> int | None:

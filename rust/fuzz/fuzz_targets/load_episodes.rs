@@ -5,11 +5,48 @@
 mod support;
 
 use libfuzzer_sys::fuzz_target;
-use vhs_core::config::Backing;
-use vhs_core::episodes::EpisodeBuffer;
+use vhs_core::config::{Backing, GoalKind};
+use vhs_core::episodes::{EpisodeBuffer, Opening, Steps};
+use vhs_core::outcome::Outcome;
 use vhs_core::reward::SparseReward;
 use vhs_core::strategy::{HindsightRule, Share, Strategy};
 use vhs_core::windows::WindowShape;
+
+/// One more episode of one step, whatever counters the file had.
+fn play(buffer: &mut EpisodeBuffer) {
+    let config = buffer.config();
+    let goal = vec![0; config.goal_bytes()];
+    let (desired, achieved): (&[u8], &[u8]) = match config.goal_kind {
+        GoalKind::Labels => (&[], &[]),
+        GoalKind::Observations => (&goal, &[]),
+        GoalKind::Vectors { .. } => (&goal, &goal),
+    };
+    let frame = vec![0; config.frame_bytes()];
+    let (actions, vectors) = match config.action_dim {
+        0 => (vec![0], Vec::new()),
+        dim => (Vec::new(), vec![0.0; dim]),
+    };
+    let opening = Opening {
+        frame: &frame,
+        desired,
+        achieved,
+        ..Opening::default()
+    };
+    let steps = Steps {
+        streams: &[0],
+        actions: &actions,
+        vectors: &vectors,
+        rewards: &[0.0],
+        values: &[0.0],
+        frames: &frame,
+        achieved,
+    };
+    buffer.begin_with(0, opening).expect("an idle stream");
+    buffer.append(steps).expect("an open episode");
+    buffer
+        .finish(0, Outcome::Failure)
+        .expect("an episode of one step");
+}
 
 fuzz_target!(|data: &[u8]| {
     let file = support::file(data);
@@ -21,8 +58,10 @@ fuzz_target!(|data: &[u8]| {
     let rule = HindsightRule::new(Strategy::Random, Share::Ratio(3)).expect("a valid ratio");
     for mut buffer in loaded.into_iter().chain(mapped) {
         // A stack may be a million frames high: only what a sane batch costs is asked for.
-        let small = buffer.config().observation_bytes() * 100 < 1 << 24;
-        if !buffer.is_empty() && small {
+        let config = buffer.config();
+        let step = config.observation_bytes() + config.goal_bytes() + 8 * config.action_dim;
+        if step * 100 < 1 << 24 {
+            play(&mut buffer);
             let reward = SparseReward::default();
             buffer.sample(2, None).expect("episodes to draw");
             buffer

@@ -177,12 +177,15 @@ impl EpisodeConfig {
         )?;
         check_range("actions", self.num_actions(), 1, 2 * MAX_COUNT)?;
         self.check_total()?;
-        check_range(
-            "capacity_steps",
-            self.capacity_steps,
-            self.num_streams.saturating_mul(self.max_episode_steps),
-            usize::MAX,
-        )
+        let least = self.num_streams.saturating_mul(self.max_episode_steps);
+        if self.capacity_steps >= least {
+            return Ok(());
+        }
+        Err(Error::Argument {
+            field: "capacity_steps",
+            expected: format!("at least num_streams * max_episode_steps = {least}"),
+            got: self.capacity_steps.to_string(),
+        })
     }
 
     /// Everything that is ever multiplied fits memory's addresses. Two frames a step at most: the shortest

@@ -37,6 +37,8 @@ const VERSION: u32 = 1;
 const FIXED: usize = 19;
 /// Set in an episode's third word where its last step ended the task.
 const TERMINATED: u64 = 256;
+/// Counters stay below this, so that whatever is added to a loaded buffer fits them.
+const MAX_COUNTER: u64 = 1 << 62;
 
 /// Writes a buffer.
 pub(crate) fn write(buffer: &EpisodeBuffer, file: &mut Writer<'_>) -> Result<()> {
@@ -148,7 +150,8 @@ impl Header {
         let fixed = reader.words(FIXED)?;
         let (kinds, rest) = (fixed[0], &fixed[1..]);
         let frame = reader.number("frame dimensions", dimensions, 1, MAX_DIMENSIONS)?;
-        let goal = reader.number("goal dimensions", kinds >> 32, 0, MAX_DIMENSIONS)?;
+        let most = if kinds & 255 == 2 { MAX_DIMENSIONS } else { 0 };
+        let goal = reader.number("goal dimensions", kinds >> 32, 0, most)?;
         let shapes = reader.words(frame + goal)?;
         let mut shapes = shapes
             .iter()
@@ -216,14 +219,14 @@ impl Header {
 
     /// Before memory is taken: all sizes together must be those of the file.
     fn check(&self, reader: &Reader<'_>) -> Result<()> {
-        let range = self.episodes as u64..=i64::MAX.unsigned_abs();
+        let range = self.episodes as u64..=MAX_COUNTER;
         if !range.contains(&self.next_id) {
             let expected = format!("a number in {range:?}");
             return Err(reader.damaged("next id", &expected, &self.next_id.to_string()));
         }
         let held = self.steps <= self.config.capacity_steps
             && self.steps >= self.episodes
-            && self.steps as u64 <= self.finished_steps;
+            && (self.steps as u64..=MAX_COUNTER).contains(&self.finished_steps);
         if !held {
             let found = format!("{} in {} episodes", self.steps, self.episodes);
             return Err(reader.damaged("steps", "what the buffer can hold", &found));
@@ -420,3 +423,6 @@ fn word(number: i64) -> u64 {
 fn number(word: u64) -> i64 {
     usize::try_from(word).map_or(-1, label_of)
 }
+
+#[cfg(test)]
+mod tests;

@@ -179,7 +179,11 @@ impl<'a> Reader<'a> {
         let mut bytes = [0; ALIGNMENT];
         // The padding ends where the images start; what lies before it has been read.
         let header = usize::try_from(self.position()?).unwrap_or(images_start);
-        let bytes = &mut bytes[..images_start - header];
+        let length = images_start.checked_sub(header).unwrap_or(usize::MAX);
+        let Some(bytes) = bytes.get_mut(..length) else {
+            let expected = format!("an end at most a page before byte {images_start}");
+            return Err(self.damaged("header", &expected, &header.to_string()));
+        };
         self.read(bytes)?;
         self.checksum = Checksum::new();
         let found = bytes.iter().copied().max().unwrap_or_default();
@@ -286,8 +290,8 @@ pub(crate) fn replace(
 ) -> Result<()> {
     // Opened first, so that a directory that cannot be synced refuses before anything is written.
     let directory = open_directory(path)?;
-    let temporary = temporary_beside(path);
-    let renamed = write_new(&temporary, write).and_then(|()| {
+    let (file, temporary) = temporary_beside(path)?;
+    let renamed = write_whole(file, &temporary, write).and_then(|()| {
         let rename = fs::rename(&temporary, path);
         rename.map_err(|source| io_error(path, "rename a temporary file to", source))
     });
@@ -298,8 +302,11 @@ pub(crate) fn replace(
     renamed.and_then(|()| directory.map_or(Ok(()), |directory| sync_directory(path, &directory)))
 }
 
-fn write_new(path: &Path, write: impl FnOnce(&mut Writer<'_>) -> Result<()>) -> Result<()> {
-    let file = File::create_new(path).map_err(|source| io_error(path, "write", source))?;
+fn write_whole(
+    file: File,
+    path: &Path,
+    write: impl FnOnce(&mut Writer<'_>) -> Result<()>,
+) -> Result<()> {
     let mut writer = Writer {
         file: BufWriter::with_capacity(READ_BYTES, file),
         path,
@@ -314,15 +321,25 @@ fn write_new(path: &Path, write: impl FnOnce(&mut Writer<'_>) -> Result<()>) -> 
     synced.map_err(|source| io_error(path, "sync", source))
 }
 
-/// A name in the same directory (a rename must not cross file systems) that no other save uses.
-fn temporary_beside(path: &Path) -> PathBuf {
+/// A new file in the same directory: a rename must not cross file systems.
+///
+/// The numbers tell the saves of this process apart. A name may be taken all the same, by a save that was killed
+/// or one of another machine or container that has this process's number: then the next one is tried.
+fn temporary_beside(path: &Path) -> Result<(File, PathBuf)> {
     static SAVES: AtomicU64 = AtomicU64::new(0);
-    // Relaxed: only the uniqueness of the number matters, not its order with other memory.
-    let number = SAVES.fetch_add(1, Ordering::Relaxed);
-    let mut name = OsString::from(".");
-    name.push(path.file_name().unwrap_or_default());
-    name.push(format!(".{}-{number}.tmp", std::process::id()));
-    path.with_file_name(name)
+    loop {
+        // Relaxed: only the uniqueness of the number matters, not its order with other memory.
+        let number = SAVES.fetch_add(1, Ordering::Relaxed);
+        let mut name = OsString::from(".");
+        name.push(path.file_name().unwrap_or_default());
+        name.push(format!(".{}-{number}.tmp", std::process::id()));
+        let temporary = path.with_file_name(name);
+        match File::create_new(&temporary) {
+            Ok(file) => return Ok((file, temporary)),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => {}
+            Err(source) => return Err(io_error(&temporary, "write", source)),
+        }
+    }
 }
 
 /// The directory that the file lies in; None where directories cannot be opened as files.

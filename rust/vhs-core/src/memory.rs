@@ -40,7 +40,8 @@ impl Block {
         let mut options = MmapOptions::new();
         options.offset(offset as u64).len(bytes);
         // SAFETY: the file is ours alone: it was created by `scratch_file` and has no name any more, so no
-        // other process can change or shorten it under the mapping.
+        // other process can change or shorten it under the mapping, but a forked copy of this one, and whoever
+        // forks must not use the copy (`vhs-py` refuses to).
         unsafe { options.map_mut(file) }.map(Self::Mapped)
     }
 

@@ -3,7 +3,8 @@
 //! xoshiro256++ 1.0 (Blackman and Vigna, "Scrambled Linear Pseudorandom Number Generators", 2021),
 //! its state filled by `SplitMix64` from one 64-bit seed, as its authors advise. It is our own so
 //! that a saved state means the same batches in every later version: a change of any output here is
-//! a change of the file format.
+//! a change of the file format. Of [`Rng::fill_normal`] that holds on one machine: the last bits of its logarithm
+//! and sines are the platform's.
 
 /// Generator state: 256 bits, never all zero.
 ///

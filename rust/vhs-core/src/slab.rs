@@ -124,7 +124,7 @@ impl Slab {
             .saturating_sub(self.start_records)
             .div_ceil(self.per_chunk);
         while self.chunks.len() < chunks {
-            let chunk = self.new_chunk().map_err(|source| self.refused(&source))?;
+            let chunk = self.new_chunk().map_err(|source| self.refused(source))?;
             self.chunks.push(chunk);
         }
         Ok(())
@@ -214,13 +214,13 @@ impl Slab {
         }
     }
 
-    fn refused(&self, source: &io::Error) -> Error {
+    fn refused(&self, source: io::Error) -> Error {
         match self.source {
             Source::Memory => memory(self.chunk_bytes),
             Source::Scratch(_) => Error::Io {
                 path: "the backing file".into(),
                 call: "grow",
-                source: io::Error::new(source.kind(), source.to_string()),
+                source,
             },
         }
     }

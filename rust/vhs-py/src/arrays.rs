@@ -1,6 +1,6 @@
 //! Arguments in, arrays out: what every binding function needs to borrow, check and hand over.
 //!
-//! Images are taken as uint8 only and never copied when contiguous. Integer and real arguments may
+//! Images are taken as uint8 only and never copied when contiguous and aligned. Integer and real arguments may
 //! be any numpy integer or float type, or a sequence; those that are not int64 or float32 already
 //! are converted. Results are handed to numpy with their memory, so nothing is copied and
 //! `torch.from_numpy` shares it.
@@ -36,7 +36,7 @@ where
     py.detach(|| work(&mut shared.lock().unwrap_or_else(PoisonError::into_inner)))
 }
 
-/// An array of exactly this element type, copied only where it is not contiguous.
+/// An array of exactly this element type, copied only where it is not contiguous or not aligned.
 pub(crate) fn exact<'py, T: Element>(
     field: &'static str,
     argument: &Bound<'py, PyAny>,
@@ -72,12 +72,35 @@ pub(crate) fn integer_vec(field: &'static str, argument: &Bound<'_, PyAny>) -> P
     Ok(slice(&integers(field, argument)?).to_vec())
 }
 
+/// As `reals`, where the numbers must outlive the borrow.
+pub(crate) fn real_vec(field: &'static str, argument: &Bound<'_, PyAny>) -> PyResult<Vec<f32>> {
+    let array = reals(field, argument)?;
+    check_vector(field, array.shape())?;
+    Ok(slice(&array).to_vec())
+}
+
+/// Booleans of this shape. A byte that numpy calls a bool need not be 0 or 1 (a mask of 0 and 255, viewed as
+/// one), and Rust's must be: all but 0 is true, as numpy has it.
+pub(crate) fn bools(
+    field: &'static str,
+    argument: &Bound<'_, PyAny>,
+    shape: &[usize],
+) -> PyResult<Vec<bool>> {
+    let array = as_array(field, argument)?;
+    if array.cast::<PyArrayDyn<bool>>().is_err() {
+        return Err(dtype(field, "bool", &array.dtype().to_string()));
+    }
+    check_shape(field, shape, array.shape()).map_err(to_py)?;
+    let bytes = exact::<u8>(field, &array.call_method1("view", ("uint8",))?)?;
+    Ok(slice(&bytes).iter().map(|&byte| byte != 0).collect())
+}
+
 /// Refuses what is not one-dimensional.
 pub(crate) fn check_vector(field: &'static str, shape: &[usize]) -> PyResult<()> {
     check_shape(field, &[shape.first().copied().unwrap_or(1)], shape).map_err(to_py)
 }
 
-/// The elements of an array that `readonly` has made sure is contiguous.
+/// The elements of an array that `readonly` has made sure is contiguous and aligned.
 pub(crate) fn slice<'a, T: Element>(array: &'a PyReadonlyArrayDyn<'_, T>) -> &'a [T] {
     array.as_slice().unwrap_or_default()
 }
@@ -239,24 +262,24 @@ pub(crate) fn as_array<'py>(
         .py()
         .import("numpy")?
         .call_method1("asarray", (argument,));
-    let array = made
-        .ok()
-        .and_then(|array| array.cast_into::<PyUntypedArray>().ok());
-    array.ok_or_else(|| dtype(field, "an array", &type_name(argument)))
+    let refused = |why: &str| dtype(field, "an array", &format!("{}{why}", type_name(argument)));
+    // The reason is the argument's own, such as a tensor that has a gradient and is to be detached.
+    let made = made.map_err(|error| refused(&format!(" ({})", error.value(argument.py()))))?;
+    made.cast_into::<PyUntypedArray>().map_err(|_| refused(""))
 }
 
-/// A borrow of an array, copied first where it is not contiguous.
+/// A borrow of an array, copied first where it is not contiguous or not aligned (`np.frombuffer` with an offset).
 pub(crate) fn readonly<'py, T: Element>(
     field: &'static str,
     array: &Bound<'py, PyArrayDyn<T>>,
 ) -> PyResult<PyReadonlyArrayDyn<'py, T>> {
-    if array.is_c_contiguous() {
+    if array.is_c_contiguous() && array.is_aligned() {
         return array.try_readonly().map_err(|error| in_use(field, &error));
     }
     let copy = array
         .py()
         .import("numpy")?
-        .call_method1("ascontiguousarray", (array,))?;
+        .call_method1("require", (array, array.py().None(), "CA"))?;
     copy.cast::<PyArrayDyn<T>>()?
         .try_readonly()
         .map_err(|error| in_use(field, &error))
@@ -279,6 +302,9 @@ pub(crate) fn borrow_mut<'py, T: Element>(
 ) -> PyResult<PyReadwriteArrayDyn<'py, T>> {
     if !out.is_c_contiguous() {
         return Err(layout("out", "a C-contiguous array", "one with gaps"));
+    }
+    if !out.is_aligned() {
+        return Err(layout("out", "an aligned array", "one that is not"));
     }
     out.try_readwrite().map_err(|error| in_use("out", &error))
 }

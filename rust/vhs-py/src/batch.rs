@@ -10,37 +10,52 @@ use crate::arrays::into_array;
 use crate::relabel::Hindsight;
 use crate::transitions::actions;
 
-/// Whole episodes as arrays; see the stub for its documentation.
+#[doc = stub!("EpisodeBatch")]
 #[pyclass(frozen, module = "vhs._core")]
 pub(crate) struct EpisodeBatch {
+    #[doc = stub!("EpisodeBatch.observations")]
     #[pyo3(get)]
     observations: Option<Py<PyAny>>,
+    #[doc = stub!("EpisodeBatch.ids")]
     #[pyo3(get)]
     ids: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("EpisodeBatch.offsets")]
     #[pyo3(get)]
     offsets: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("EpisodeBatch.lengths")]
     #[pyo3(get)]
     lengths: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("EpisodeBatch.desired_goals")]
     #[pyo3(get)]
     desired_goals: Option<Py<PyAny>>,
+    #[doc = stub!("EpisodeBatch.achieved_goals")]
     #[pyo3(get)]
     achieved_goals: Option<Py<PyAny>>,
+    #[doc = stub!("EpisodeBatch.terminated")]
     #[pyo3(get)]
     terminated: Py<PyArrayDyn<bool>>,
+    #[doc = stub!("EpisodeBatch.actions")]
     #[pyo3(get)]
     actions: Py<PyAny>,
+    #[doc = stub!("EpisodeBatch.rewards")]
     #[pyo3(get)]
     rewards: Py<PyArrayDyn<f32>>,
+    #[doc = stub!("EpisodeBatch.values")]
     #[pyo3(get)]
     values: Py<PyArrayDyn<f32>>,
+    #[doc = stub!("EpisodeBatch.mask")]
     #[pyo3(get)]
     mask: Py<PyArrayDyn<bool>>,
+    #[doc = stub!("EpisodeBatch.goals")]
     #[pyo3(get)]
     goals: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("EpisodeBatch.interactions")]
     #[pyo3(get)]
     interactions: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("EpisodeBatch.outcomes")]
     #[pyo3(get)]
     outcomes: Py<PyArrayDyn<u8>>,
+    #[doc = stub!("EpisodeBatch.hindsight")]
     #[pyo3(get)]
     hindsight: Option<Py<Hindsight>>,
     /// What relabelling reads: our own copy, so that writing to the arrays cannot lead it out of
@@ -90,6 +105,7 @@ impl EpisodeBatch {
 
 #[pymethods]
 impl EpisodeBatch {
+    #[doc = stub!("EpisodeBatch.__len__")]
     fn __len__(&self) -> usize {
         self.ends.len()
     }

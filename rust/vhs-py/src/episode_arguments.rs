@@ -9,10 +9,10 @@ use vhs_core::batch::Layout;
 use vhs_core::config::{Backing, GoalKind, Item};
 use vhs_core::error::{Error, check_shape};
 
-use crate::arrays::{checked, integers, reals, shape, slice};
+use crate::arrays::{checked, integer_vec, reals, shape, size, slice};
 use crate::bytes::{bytes_of, item};
 use crate::episodes::EpisodeBuffer;
-use crate::error::to_py;
+use crate::error::{dtype, to_py};
 use crate::sampling::goal_array;
 
 impl EpisodeBuffer {
@@ -36,29 +36,59 @@ impl EpisodeBuffer {
         }
     }
 
-    /// Goals as bytes; None where none was given.
-    pub(crate) fn goals_as_bytes<'py>(
+    /// The goals that episodes are told, as bytes; None where those are labels.
+    pub(crate) fn desired_as_bytes<'py>(
         &self,
         field: &'static str,
         goals: Option<&Bound<'py, PyAny>>,
         count: &[usize],
     ) -> PyResult<Option<PyReadonlyArrayDyn<'py, u8>>> {
-        let Some(goals) = goals else {
-            return Ok(None);
-        };
+        let is_wanted = self.config().goal_kind != GoalKind::Labels;
+        self.goals_as_bytes(field, goals, count, is_wanted)
+    }
+
+    /// The goals reached, as bytes; None where those are observations.
+    pub(crate) fn achieved_as_bytes<'py>(
+        &self,
+        field: &'static str,
+        goals: Option<&Bound<'py, PyAny>>,
+        count: &[usize],
+    ) -> PyResult<Option<PyReadonlyArrayDyn<'py, u8>>> {
+        let is_wanted = matches!(self.config().goal_kind, GoalKind::Vectors { .. });
+        self.goals_as_bytes(field, goals, count, is_wanted)
+    }
+
+    fn goals_as_bytes<'py>(
+        &self,
+        field: &'static str,
+        goals: Option<&Bound<'py, PyAny>>,
+        count: &[usize],
+        is_wanted: bool,
+    ) -> PyResult<Option<PyReadonlyArrayDyn<'py, u8>>> {
         let (goal, item) = goal_array(self.config());
-        bytes_of(field, goals, item, &[count, &goal].concat()).map(Some)
+        let shape = [count, &goal].concat();
+        match goals {
+            Some(goals) if is_wanted => bytes_of(field, goals, item, &shape).map(Some),
+            None if is_wanted => {
+                let expected = format!("an array of shape {shape:?}");
+                Err(dtype(field, &expected, "None"))
+            }
+            Some(_) => Err(to_py(Error::Argument {
+                field,
+                expected: format!("None where goals are {:?}", self.goal_word()),
+                got: "an array".into(),
+            })),
+            None => Ok(None),
+        }
     }
 
     /// Actions of `count` steps: numbers, or vectors.
-    pub(crate) fn actions<'py>(
-        &self,
-        actions: &Bound<'py, PyAny>,
-        count: &[usize],
-    ) -> PyResult<Actions<'py>> {
+    ///
+    /// Copies: what is checked is what is stored, whatever another thread does to the caller's array meanwhile.
+    pub(crate) fn actions(&self, actions: &Bound<'_, PyAny>, count: &[usize]) -> PyResult<Actions> {
         let dim = self.config().action_dim;
         if dim == 0 {
-            return integers("actions", actions).map(Actions::Numbered);
+            return integer_vec("actions", actions).map(Actions::Numbered);
         }
         let vectors = reals("actions", actions)?;
         checked(check_shape(
@@ -66,23 +96,23 @@ impl EpisodeBuffer {
             &[count, &[dim]].concat(),
             vectors.shape(),
         ))?;
-        Ok(Actions::Continuous(vectors))
+        Ok(Actions::Continuous(slice(&vectors).to_vec()))
     }
 }
 
 /// The actions of a step or several.
-pub(crate) enum Actions<'py> {
+pub(crate) enum Actions {
     Number([i64; 1]),
-    Numbered(PyReadonlyArrayDyn<'py, i64>),
-    Continuous(PyReadonlyArrayDyn<'py, f32>),
+    Numbered(Vec<i64>),
+    Continuous(Vec<f32>),
 }
 
-impl Actions<'_> {
+impl Actions {
     pub(crate) fn parts(&self) -> (&[i64], &[f32]) {
         match self {
             Self::Number(number) => (number, &[]),
-            Self::Numbered(numbers) => (slice(numbers), &[]),
-            Self::Continuous(vectors) => (&[], slice(vectors)),
+            Self::Numbered(numbers) => (numbers, &[]),
+            Self::Continuous(vectors) => (&[], vectors),
         }
     }
 }
@@ -117,6 +147,32 @@ pub(crate) fn goal_kind(
             got: format!("\"{goals}\""),
         })),
     }
+}
+
+/// The number of moves, the actions before the first interaction: as given, or of so many actions in all.
+pub(crate) fn moves(
+    first_interaction_action: Option<&Bound<'_, PyAny>>,
+    num_actions: Option<&Bound<'_, PyAny>>,
+    num_interactions: usize,
+) -> PyResult<usize> {
+    let first = first_interaction_action
+        .map(|first| size("first_interaction_action", first))
+        .transpose()?;
+    let Some(num_actions) = num_actions else {
+        return Ok(first.unwrap_or(3));
+    };
+    let all = size("num_actions", num_actions)?;
+    let moves = all.checked_sub(num_interactions);
+    let expected = match (first, moves) {
+        (None, Some(moves)) => return Ok(moves),
+        (None, None) => format!("at least num_interactions = {num_interactions}"),
+        (Some(_), _) => "either it or first_interaction_action".into(),
+    };
+    Err(to_py(Error::Argument {
+        field: "num_actions",
+        expected,
+        got: first.map_or_else(|| all.to_string(), |_| "both".into()),
+    }))
 }
 
 /// Memory, or the scratch file at a path.

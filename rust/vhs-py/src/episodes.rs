@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError, RwLock};
 
-use numpy::{PyArrayDyn, PyUntypedArrayMethods};
+use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use vhs_core::episodes::{self as core, Backing, EpisodeConfig, GoalKind, Item, Opening, Steps};
@@ -12,14 +12,14 @@ use vhs_core::rng::Rng;
 use vhs_core::windows::WindowShape;
 
 use crate::arrays::{
-    check_vector, checked, integer, integer_vec, integers, into_array, reals, rng_from_state, rows,
-    seed, shape, size, slice,
+    checked, integer, integer_vec, into_array, real_vec, rng_from_state, rows, seed, shape, size,
+    slice,
 };
 use crate::batch::EpisodeBatch;
 use crate::bytes::{filled_bytes, item, item_name};
-use crate::episode_arguments::{Actions, goal_bytes, goal_kind, layout};
-use crate::error::to_py;
-use crate::hindsight::{Reward, hindsight_rule};
+use crate::episode_arguments::{Actions, goal_bytes, goal_kind, layout, moves};
+use crate::error::{no_pickle, to_py};
+use crate::hindsight::{Reward, check_idle, hindsight_rule};
 use crate::relabel::{outcome, rule};
 use crate::sampling::{goal_array, observation};
 use crate::transitions::{TransitionBatch, WindowBatch};
@@ -27,16 +27,17 @@ use crate::transitions::{TransitionBatch, WindowBatch};
 /// Frames of at most so many bytes are copied without giving the interpreter away: some microseconds.
 const BRIEF: usize = 1 << 16;
 
-/// Episodes of many environments at once; see the stub for its documentation.
-///
-/// Readers work side by side; whoever writes works alone. The generator has a lock of its own, held for a
-/// moment, and always taken last.
+#[doc = stub!("EpisodeBuffer")]
+// Readers work side by side; whoever writes works alone. The generator has a lock of its own, held for a
+// moment, and always taken last.
 #[pyclass(frozen, module = "vhs._core")]
 pub(crate) struct EpisodeBuffer {
     inner: RwLock<core::EpisodeBuffer>,
     pub(crate) rng: Mutex<Rng>,
     /// What the buffer was built from: fixed, so reading it needs no lock.
     config: EpisodeConfig,
+    /// The process that made it, where frames lie in a scratch file: a fork would share that memory.
+    owner: Option<u32>,
 }
 
 impl From<core::EpisodeBuffer> for EpisodeBuffer {
@@ -44,29 +45,54 @@ impl From<core::EpisodeBuffer> for EpisodeBuffer {
         Self {
             config: buffer.config().clone(),
             rng: Mutex::new(buffer.rng_mut().clone()),
+            owner: (buffer.config().backing != Backing::Memory).then(std::process::id),
             inner: RwLock::new(buffer),
         }
     }
 }
 
 impl EpisodeBuffer {
-    /// Runs `work` on the core buffer, for callers that have released the interpreter already.
-    pub(crate) fn with_core<R>(&self, work: impl FnOnce(&core::EpisodeBuffer) -> R) -> R {
+    /// A call of the core that only reads, for callers that have released the interpreter already.
+    pub(crate) fn with_core<R>(
+        &self,
+        call: impl FnOnce(&core::EpisodeBuffer) -> Result<R>,
+    ) -> Result<R> {
+        self.check_process()?;
         // A poisoned lock only says that some call panicked; the next call's own checks are what counts.
-        work(&self.inner.read().unwrap_or_else(PoisonError::into_inner))
+        call(&self.inner.read().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Refuses a forked copy of a buffer on disk: both processes would write the same frames.
+    fn check_process(&self) -> Result<()> {
+        let Some(owner) = self.owner.filter(|&owner| owner != std::process::id()) else {
+            return Ok(());
+        };
+        Err(Error::Argument {
+            field: "backing",
+            expected: format!("a buffer on disk to be used by the process that made it, {owner}"),
+            got: format!("process {}, forked from it", std::process::id()),
+        })
+    }
+
+    pub(crate) const fn goal_word(&self) -> &'static str {
+        match self.config.goal_kind {
+            GoalKind::Labels => "labels",
+            GoalKind::Observations => "observations",
+            GoalKind::Vectors { .. } => "vectors",
+        }
     }
 
     pub(crate) const fn config(&self) -> &EpisodeConfig {
         &self.config
     }
 
-    /// As `with_core`, with the interpreter released first.
+    /// Reads what lies in memory beside the frames, with the interpreter released.
     fn with_buffer<R: Send>(
         &self,
         py: Python<'_>,
         work: impl FnOnce(&core::EpisodeBuffer) -> R + Send,
     ) -> R {
-        py.detach(|| self.with_core(work))
+        py.detach(|| work(&self.inner.read().unwrap_or_else(PoisonError::into_inner)))
     }
 
     /// A call of the core that only reads, with the interpreter released.
@@ -75,7 +101,7 @@ impl EpisodeBuffer {
         py: Python<'_>,
         call: impl FnOnce(&core::EpisodeBuffer) -> Result<R> + Send,
     ) -> PyResult<R> {
-        checked(self.with_buffer(py, call))
+        checked(py.detach(|| self.with_core(call)))
     }
 
     /// A call of the core that writes, with the interpreter released.
@@ -84,6 +110,7 @@ impl EpisodeBuffer {
         py: Python<'_>,
         call: impl FnOnce(&mut core::EpisodeBuffer) -> Result<R> + Send,
     ) -> PyResult<R> {
+        checked(self.check_process())?;
         checked(py.detach(|| call(&mut self.inner.write().unwrap_or_else(PoisonError::into_inner))))
     }
 
@@ -97,7 +124,7 @@ impl EpisodeBuffer {
         if self.config.frame_bytes() <= BRIEF
             && let Ok(mut buffer) = self.inner.try_write()
         {
-            return checked(call(&mut buffer));
+            return checked(self.check_process().and_then(|()| call(&mut buffer)));
         }
         self.write(py, call)
     }
@@ -113,12 +140,12 @@ impl EpisodeBuffer {
 impl EpisodeBuffer {
     #[new]
     #[pyo3(signature = (frame_shape, *, num_streams, max_episode_steps, capacity_steps, frame_stack=None,
-                        num_goals=None, num_interactions=None, first_interaction_action=None, dtype=None,
-                        goals="labels", goal_shape=None, goal_dtype=None, action_dim=None, backing=None,
+                        num_goals=None, num_interactions=None, first_interaction_action=None,
+                        num_actions=None, dtype=None, goals="labels", goal_shape=None, goal_dtype=None, action_dim=None, backing=None,
                         seed=None),
            text_signature = "(frame_shape, *, num_streams, max_episode_steps, capacity_steps, frame_stack=2, \
-                             num_goals=1, num_interactions=0, first_interaction_action=3, dtype='uint8', \
-                             goals='labels', goal_shape=None, goal_dtype=None, action_dim=0, \
+                             num_goals=1, num_interactions=0, first_interaction_action=3, \
+                             num_actions=None, dtype='uint8', goals='labels', goal_shape=None, goal_dtype=None, action_dim=0, \
                              backing='memory', seed=0)")]
     #[expect(
         clippy::too_many_arguments,
@@ -133,6 +160,7 @@ impl EpisodeBuffer {
         num_goals: Option<&Bound<'_, PyAny>>,
         num_interactions: Option<&Bound<'_, PyAny>>,
         first_interaction_action: Option<&Bound<'_, PyAny>>,
+        num_actions: Option<&Bound<'_, PyAny>>,
         dtype: Option<&Bound<'_, PyAny>>,
         goals: &str,
         goal_shape: Option<&Bound<'_, PyAny>>,
@@ -144,6 +172,8 @@ impl EpisodeBuffer {
         let or = |default: usize, field, argument: Option<&Bound<'_, PyAny>>| {
             argument.map_or(Ok(default), |argument| size(field, argument))
         };
+        let num_interactions = or(0, "num_interactions", num_interactions)?;
+        let moves = moves(first_interaction_action, num_actions, num_interactions)?;
         let config = EpisodeConfig {
             frame_shape: shape("frame_shape", frame_shape)?,
             frame_item: dtype.map_or(Ok(Item::U8), |dtype| item("dtype", dtype))?,
@@ -153,8 +183,8 @@ impl EpisodeBuffer {
             frame_stack: or(2, "frame_stack", frame_stack)?,
             goal_kind: goal_kind(goals, goal_shape, goal_dtype)?,
             num_goals: or(1, "num_goals", num_goals)?,
-            num_interactions: or(0, "num_interactions", num_interactions)?,
-            first_interaction_action: or(3, "first_interaction_action", first_interaction_action)?,
+            num_interactions,
+            first_interaction_action: moves,
             action_dim: or(0, "action_dim", action_dim)?,
             seed: seed.map_or(Ok(0), self::seed)?,
             backing: crate::episode_arguments::backing(backing)?,
@@ -162,6 +192,7 @@ impl EpisodeBuffer {
         checked(core::EpisodeBuffer::new(config)).map(Self::from)
     }
 
+    #[doc = stub!("EpisodeBuffer.begin")]
     #[pyo3(signature = (stream, frame, goal=None, interaction=None, *, desired_goal=None, achieved_goal=None),
            text_signature = "($self, stream, frame, goal=0, interaction=0, *, desired_goal=None, achieved_goal=None)")]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
@@ -179,8 +210,8 @@ impl EpisodeBuffer {
             integer("stream", stream)?,
             self.frames("frame", frame, &[])?,
         );
-        let desired = self.goals_as_bytes("desired_goal", desired_goal, &[])?;
-        let achieved = self.goals_as_bytes("achieved_goal", achieved_goal, &[])?;
+        let desired = self.desired_as_bytes("desired_goal", desired_goal, &[])?;
+        let achieved = self.achieved_as_bytes("achieved_goal", achieved_goal, &[])?;
         let opening = Opening {
             frame: slice(&frame),
             goal: goal.map_or(Ok(0), |goal| integer("goal", goal))?,
@@ -191,6 +222,7 @@ impl EpisodeBuffer {
         self.write_briefly(py, |buffer| buffer.begin_with(stream, opening))
     }
 
+    #[doc = stub!("EpisodeBuffer.append")]
     #[pyo3(signature = (stream, action, reward, value, frame, *, achieved_goal=None))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn append(
@@ -199,7 +231,7 @@ impl EpisodeBuffer {
         stream: &Bound<'_, PyAny>,
         action: &Bound<'_, PyAny>,
         reward: f32,
-        value: f32,
+        value: Option<f32>,
         frame: &Bound<'_, PyAny>,
         achieved_goal: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
@@ -209,20 +241,21 @@ impl EpisodeBuffer {
             _ => self.actions(action, &[])?,
         };
         let frame = self.frames("frame", frame, &[])?;
-        let achieved = self.goals_as_bytes("achieved_goal", achieved_goal, &[])?;
+        let achieved = self.achieved_as_bytes("achieved_goal", achieved_goal, &[])?;
         let (actions, vectors) = action.parts();
         let steps = Steps {
             streams: &[stream],
             actions,
             vectors,
             rewards: &[reward],
-            values: &[value],
+            values: &[value.unwrap_or_default()],
             frames: slice(&frame),
             achieved: goal_bytes(achieved.as_ref()),
         };
         self.write_briefly(py, |buffer| buffer.append(steps))
     }
 
+    #[doc = stub!("EpisodeBuffer.append_batch")]
     #[pyo3(signature = (streams, actions, rewards, values, frames, *, achieved_goals=None))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn append_batch(
@@ -231,32 +264,32 @@ impl EpisodeBuffer {
         streams: &Bound<'_, PyAny>,
         actions: &Bound<'_, PyAny>,
         rewards: &Bound<'_, PyAny>,
-        values: &Bound<'_, PyAny>,
+        values: Option<&Bound<'_, PyAny>>,
         frames: &Bound<'_, PyAny>,
         achieved_goals: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
-        let streams = integers("streams", streams)?;
+        let streams = integer_vec("streams", streams)?;
         let n = [streams.len()];
         let actions = self.actions(actions, &n)?;
-        let (rewards, values) = (reals("rewards", rewards)?, reals("values", values)?);
-        // The core compares the lengths; it cannot see whether an array has more dimensions.
-        check_vector("rewards", rewards.shape())?;
-        check_vector("values", values.shape())?;
+        let rewards = real_vec("rewards", rewards)?;
+        let zeros = || Ok(vec![0.0; streams.len()]);
+        let values = values.map_or_else(zeros, |values| real_vec("values", values))?;
         let frames = self.frames("frames", frames, &n)?;
-        let achieved = self.goals_as_bytes("achieved_goals", achieved_goals, &n)?;
+        let achieved = self.achieved_as_bytes("achieved_goals", achieved_goals, &n)?;
         let (actions, vectors) = actions.parts();
         let steps = Steps {
-            streams: slice(&streams),
+            streams: &streams,
             actions,
             vectors,
-            rewards: slice(&rewards),
-            values: slice(&values),
+            rewards: &rewards,
+            values: &values,
             frames: slice(&frames),
             achieved: goal_bytes(achieved.as_ref()),
         };
         self.write(py, |buffer| buffer.append(steps))
     }
 
+    #[doc = stub!("EpisodeBuffer.finish")]
     #[pyo3(signature = (stream, outcome, terminated=None))]
     fn finish(
         &self,
@@ -272,11 +305,13 @@ impl EpisodeBuffer {
         })
     }
 
+    #[doc = stub!("EpisodeBuffer.abort")]
     fn abort(&self, py: Python<'_>, stream: &Bound<'_, PyAny>) -> PyResult<()> {
         let stream = integer("stream", stream)?;
         self.write(py, |buffer| buffer.abort(stream))
     }
 
+    #[doc = stub!("EpisodeBuffer.observe")]
     #[pyo3(signature = (streams=None, *, out=None))]
     fn observe<'py>(
         &self,
@@ -291,6 +326,7 @@ impl EpisodeBuffer {
         Ok(filled_bytes(py, out, self.config.frame_item, &shape, fresh, into)?.0)
     }
 
+    #[doc = stub!("EpisodeBuffer.gather")]
     #[pyo3(signature = (ids, *, padded=false, out=None))]
     fn gather<'py>(
         &self,
@@ -302,24 +338,31 @@ impl EpisodeBuffer {
         self.gather_batch(py, &integer_vec("ids", ids)?, out, layout(padded))
     }
 
-    #[pyo3(signature = (n, relabel=None, probability=1.0, on=None, *, padded=false, out=None))]
+    #[doc = stub!("EpisodeBuffer.sample_episodes")]
+    #[pyo3(signature = (n, relabel=None, probability=None, on=None, *, padded=false, out=None),
+           text_signature = "($self, n, relabel=None, probability=1.0, on=None, *, padded=False, out=None)")]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn sample_episodes(
         &self,
         py: Python<'_>,
         n: &Bound<'_, PyAny>,
         relabel: Option<&str>,
-        probability: f64,
+        probability: Option<f64>,
         on: Option<&Bound<'_, PyAny>>,
         padded: bool,
         out: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<EpisodeBatch> {
+        if relabel.is_none() {
+            check_idle(&[("probability", probability.is_some()), ("on", on.is_some())])?;
+        }
         let first = i64::try_from(self.config.first_interaction_action).unwrap_or(i64::MAX);
+        let probability = probability.unwrap_or(1.0);
         let rule = relabel.map(|strategy| rule(strategy, on, probability, first));
         let rule = rule.transpose()?;
         self.sample_batch(py, size("n", n)?, rule.as_ref(), layout(padded), out)
     }
 
+    #[doc = stub!("EpisodeBuffer.sample_transitions")]
     #[pyo3(signature = (n, relabel=None, *, probability=None, ratio=None, on=None, reward=None, out=None))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn sample_transitions(
@@ -333,11 +376,12 @@ impl EpisodeBuffer {
         reward: Option<&Bound<'_, PyAny>>,
         out: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<TransitionBatch> {
-        let rule = hindsight_rule(relabel, probability, ratio, on)?;
+        let rule = hindsight_rule(relabel, probability, ratio, on, reward)?;
         let reward = Reward::from_argument(reward)?;
         self.transitions(py, size("n", n)?, rule.as_ref(), &reward, out)
     }
 
+    #[doc = stub!("EpisodeBuffer.sample_windows")]
     #[pyo3(signature = (n, length, burn_in=None, relabel=None, *, probability=None, ratio=None, on=None,
                         reward=None, out=None),
            text_signature = "($self, n, length, burn_in=0, relabel=None, *, probability=None, ratio=None, \
@@ -356,7 +400,7 @@ impl EpisodeBuffer {
         reward: Option<&Bound<'_, PyAny>>,
         out: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<WindowBatch> {
-        let rule = hindsight_rule(relabel, probability, ratio, on)?;
+        let rule = hindsight_rule(relabel, probability, ratio, on, reward)?;
         let reward = Reward::from_argument(reward)?;
         let window = WindowShape {
             length: size("length", length)?,
@@ -365,6 +409,7 @@ impl EpisodeBuffer {
         self.windows(py, size("n", n)?, window, rule.as_ref(), &reward, out)
     }
 
+    #[doc = stub!("EpisodeBuffer.save")]
     #[expect(
         clippy::needless_pass_by_value,
         reason = "made from a Python path for this call"
@@ -376,6 +421,7 @@ impl EpisodeBuffer {
         })
     }
 
+    #[doc = stub!("EpisodeBuffer.load")]
     #[staticmethod]
     #[pyo3(signature = (path, *, mmap=false, backing=None),
            text_signature = "(path, *, mmap=False, backing='memory')")]
@@ -408,6 +454,7 @@ impl EpisodeBuffer {
         checked(loaded).map(Self::from)
     }
 
+    #[doc = stub!("EpisodeBuffer.verify")]
     #[staticmethod]
     #[expect(
         clippy::needless_pass_by_value,
@@ -417,18 +464,25 @@ impl EpisodeBuffer {
         checked(py.detach(|| core::EpisodeBuffer::verify(&path)))
     }
 
-    fn state_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+    #[doc = stub!("EpisodeBuffer.rng_state")]
+    #[getter]
+    fn rng_state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<u64>>> {
         let state = self.shared_rng().state();
-        let dict = PyDict::new(py);
-        dict.set_item("rng", into_array(py, state.to_vec(), &[4])?)?;
-        Ok(dict)
+        into_array(py, state.to_vec(), &[4])
     }
 
-    fn load_state_dict(&self, state: &Bound<'_, PyAny>) -> PyResult<()> {
-        *self.shared_rng() = rng_from_state("rng", &state.get_item("rng")?)?;
+    #[setter]
+    fn set_rng_state(&self, state: &Bound<'_, PyAny>) -> PyResult<()> {
+        *self.shared_rng() = rng_from_state("rng_state", state)?;
         Ok(())
     }
 
+    #[expect(clippy::unused_self, reason = "called on an object")]
+    fn __reduce__(&self) -> PyResult<()> {
+        Err(no_pickle("EpisodeBuffer"))
+    }
+
+    #[doc = stub!("EpisodeBuffer.ids")]
     #[getter]
     fn ids<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<i64>>> {
         let ids: Vec<i64> = self.with_buffer(py, |buffer| buffer.ids().collect());
@@ -436,6 +490,7 @@ impl EpisodeBuffer {
         into_array(py, ids, &shape)
     }
 
+    #[doc = stub!("EpisodeBuffer.open")]
     #[getter]
     fn open<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
         let open = self.with_buffer(py, |buffer| {
@@ -444,92 +499,111 @@ impl EpisodeBuffer {
         into_array(py, open, &[self.config.num_streams])
     }
 
+    #[doc = stub!("EpisodeBuffer.num_steps")]
     #[getter]
     fn num_steps(&self, py: Python<'_>) -> usize {
         self.with_buffer(py, core::EpisodeBuffer::num_steps)
     }
 
+    #[doc = stub!("EpisodeBuffer.nbytes")]
     #[getter]
     fn nbytes(&self, py: Python<'_>) -> usize {
         self.with_buffer(py, core::EpisodeBuffer::allocated_bytes)
     }
 
+    #[doc = stub!("EpisodeBuffer.frame_shape")]
     #[getter]
     fn frame_shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, &self.config.frame_shape)
     }
 
+    #[doc = stub!("EpisodeBuffer.observation_shape")]
     #[getter]
     fn observation_shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, observation(&self.config))
     }
 
+    #[doc = stub!("EpisodeBuffer.dtype")]
     #[getter]
     fn dtype<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         py.import("numpy")?
             .call_method1("dtype", (item_name(self.config.frame_item),))
     }
 
+    #[doc = stub!("EpisodeBuffer.goals")]
     #[getter]
     fn goals(&self) -> &'static str {
-        match self.config.goal_kind {
-            GoalKind::Labels => "labels",
-            GoalKind::Observations => "observations",
-            GoalKind::Vectors { .. } => "vectors",
-        }
+        self.goal_word()
     }
 
+    #[doc = stub!("EpisodeBuffer.goal_shape")]
     #[getter]
     fn goal_shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, goal_array(&self.config).0)
     }
 
+    #[doc = stub!("EpisodeBuffer.goal_dtype")]
     #[getter]
     fn goal_dtype<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let name = item_name(goal_array(&self.config).1);
         py.import("numpy")?.call_method1("dtype", (name,))
     }
 
+    #[doc = stub!("EpisodeBuffer.action_dim")]
     #[getter]
     fn action_dim(&self) -> usize {
         self.config.action_dim
     }
 
+    #[doc = stub!("EpisodeBuffer.num_streams")]
     #[getter]
     fn num_streams(&self) -> usize {
         self.config.num_streams
     }
 
+    #[doc = stub!("EpisodeBuffer.max_episode_steps")]
     #[getter]
     fn max_episode_steps(&self) -> usize {
         self.config.max_episode_steps
     }
 
+    #[doc = stub!("EpisodeBuffer.capacity_steps")]
     #[getter]
     fn capacity_steps(&self) -> usize {
         self.config.capacity_steps
     }
 
+    #[doc = stub!("EpisodeBuffer.frame_stack")]
     #[getter]
     fn frame_stack(&self) -> usize {
         self.config.frame_stack
     }
 
+    #[doc = stub!("EpisodeBuffer.num_goals")]
     #[getter]
     fn num_goals(&self) -> usize {
         self.config.num_goals
     }
 
+    #[doc = stub!("EpisodeBuffer.num_interactions")]
     #[getter]
     fn num_interactions(&self) -> usize {
         self.config.num_interactions
     }
 
+    #[doc = stub!("EpisodeBuffer.first_interaction_action")]
     #[getter(first_interaction_action)]
     fn first_interaction_action_getter(&self) -> usize {
         self.config.first_interaction_action
     }
 
+    #[doc = stub!("EpisodeBuffer.num_actions")]
+    #[getter(num_actions)]
+    fn num_actions_getter(&self) -> usize {
+        self.config.num_actions()
+    }
+
+    #[doc = stub!("EpisodeBuffer.__len__")]
     fn __len__(&self, py: Python<'_>) -> usize {
         self.with_buffer(py, core::EpisodeBuffer::len)
     }

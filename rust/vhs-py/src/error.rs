@@ -138,6 +138,13 @@ pub(crate) fn protocol(call: &str, expected: &str, found: &str) -> PyErr {
     )
 }
 
+/// What pickling says: storage may be larger than memory, and has files of its own.
+pub(crate) fn no_pickle(class: &str) -> PyErr {
+    PyTypeError::new_err(format!(
+        "{class} is not pickled or copied: `save` and `load` keep it in a file"
+    ))
+}
+
 /// A wrong dtype: Python's own matter, the core only knows typed slices.
 pub(crate) fn dtype(field: &str, expected: &str, got: &str) -> PyErr {
     raise(

@@ -10,7 +10,7 @@ use crate::arrays::{checked, exact, slice};
 use crate::bytes::filled_bytes;
 use crate::error::axes;
 
-/// Stacked frames as the channels of one picture; see the stub for its documentation.
+#[doc = stub!("stack_channels")]
 #[pyfunction]
 #[pyo3(signature = (observations, *, out=None))]
 pub(crate) fn stack_channels<'py>(

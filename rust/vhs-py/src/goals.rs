@@ -15,10 +15,11 @@ use crate::arrays::{
 };
 use crate::bytes::filled_bytes;
 use crate::episodes::EpisodeBuffer;
+use crate::error::no_pickle;
 
 type Sample<'py> = (Bound<'py, PyAny>, Bound<'py, PyArrayDyn<i64>>);
 
-/// Images of achieved goals by class; see the stub for its documentation.
+#[doc = stub!("GoalStore")]
 #[pyclass(frozen, module = "vhs._core")]
 pub(crate) struct GoalStore {
     inner: Mutex<core::GoalStore>,
@@ -65,6 +66,12 @@ impl GoalStore {
         checked(core::GoalStore::new(num_classes, &shape, capacity, seed)).map(Self::from)
     }
 
+    #[expect(clippy::unused_self, reason = "called on an object")]
+    fn __reduce__(&self) -> PyResult<()> {
+        Err(no_pickle("GoalStore"))
+    }
+
+    #[doc = stub!("GoalStore.push")]
     fn push(
         &self,
         py: Python<'_>,
@@ -80,6 +87,7 @@ impl GoalStore {
         checked(detached(py, &self.inner, |store| store.push(image, label)))
     }
 
+    #[doc = stub!("GoalStore.collect")]
     fn collect(
         &self,
         py: Python<'_>,
@@ -94,6 +102,7 @@ impl GoalStore {
         })
     }
 
+    #[doc = stub!("GoalStore.sample")]
     #[pyo3(signature = (n, *, balanced=true, out=None))]
     fn sample<'py>(
         &self,
@@ -115,6 +124,7 @@ impl GoalStore {
         Ok((images, into_array(py, labels, &[n])?))
     }
 
+    #[doc = stub!("GoalStore.sample_class")]
     #[pyo3(signature = (label, n, *, out=None))]
     fn sample_class<'py>(
         &self,
@@ -129,6 +139,7 @@ impl GoalStore {
         Ok(filled_bytes(py, out, Item::U8, &rows(n, &self.shape), fresh, into)?.0)
     }
 
+    #[doc = stub!("GoalStore.save")]
     #[expect(
         clippy::needless_pass_by_value,
         reason = "made from a Python path for this call"
@@ -137,6 +148,7 @@ impl GoalStore {
         self.run(py, |store| store.save(&path))
     }
 
+    #[doc = stub!("GoalStore.load")]
     #[staticmethod]
     #[pyo3(signature = (path, *, mmap=false))]
     #[expect(
@@ -155,6 +167,7 @@ impl GoalStore {
         checked(loaded).map(Self::from)
     }
 
+    #[doc = stub!("GoalStore.verify")]
     #[staticmethod]
     #[expect(
         clippy::needless_pass_by_value,
@@ -164,6 +177,7 @@ impl GoalStore {
         checked(py.detach(|| core::GoalStore::verify(&path)))
     }
 
+    #[doc = stub!("GoalStore.counts")]
     #[getter]
     #[expect(
         clippy::cast_possible_wrap,
@@ -177,26 +191,31 @@ impl GoalStore {
         into_array(py, counts, &shape)
     }
 
+    #[doc = stub!("GoalStore.num_classes")]
     #[getter]
     fn num_classes(&self, py: Python<'_>) -> usize {
         detached(py, &self.inner, |store| store.num_classes())
     }
 
+    #[doc = stub!("GoalStore.observation_shape")]
     #[getter]
     fn observation_shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
         PyTuple::new(py, &self.shape)
     }
 
+    #[doc = stub!("GoalStore.capacity_per_class")]
     #[getter]
     fn capacity_per_class(&self, py: Python<'_>) -> usize {
         detached(py, &self.inner, |store| store.capacity_per_class())
     }
 
+    #[doc = stub!("GoalStore.nbytes")]
     #[getter]
     fn nbytes(&self, py: Python<'_>) -> usize {
         detached(py, &self.inner, |store| store.allocated_bytes())
     }
 
+    #[doc = stub!("GoalStore.__len__")]
     fn __len__(&self, py: Python<'_>) -> usize {
         detached(py, &self.inner, |store| store.len())
     }

@@ -7,17 +7,21 @@ use vhs_core::error::{Error, check_shape};
 use vhs_core::reward as core;
 use vhs_core::strategy::{HindsightRule, Share, Strategy};
 
-use crate::arrays::{checked, exact, reals, size, slice, type_name};
+use crate::arrays::{bools, checked, reals, size, slice, type_name};
 use crate::error::{dtype, to_py};
 use crate::relabel::outcomes;
 
-/// The built-in sparse rule; see the stub for its documentation.
+#[doc = stub!("SparseReward")]
 #[pyclass(frozen, get_all, eq, module = "vhs._core")]
 #[derive(Clone, PartialEq)]
 pub(crate) struct SparseReward {
+    #[doc = stub!("SparseReward.reached")]
     reached: f32,
+    #[doc = stub!("SparseReward.otherwise")]
     otherwise: f32,
+    #[doc = stub!("SparseReward.tolerance")]
     tolerance: f64,
+    #[doc = stub!("SparseReward.terminates")]
     terminates: bool,
 }
 
@@ -110,10 +114,9 @@ impl<'py> Reward<'py> {
             return Err(dtype("reward", "rewards, or (rewards, terminated)", &got));
         }
         let terminated = pair.get_item(1)?;
-        let terminated = exact::<bool>("terminated", &terminated)?;
-        checked(check_shape("terminated", shape, terminated.shape()))?;
+        let terminated = bools("terminated", &terminated, shape)?;
         let rewards = rewards(&pair.get_item(0)?, shape)?;
-        Ok(Some((rewards, Some(slice(&terminated).to_vec()))))
+        Ok(Some((rewards, Some(terminated))))
     }
 }
 
@@ -123,14 +126,35 @@ fn rewards(answer: &Bound<'_, PyAny>, shape: &[usize]) -> PyResult<Vec<f32>> {
     Ok(slice(&rewards).to_vec())
 }
 
+/// Refuses arguments that say how to relabel where no strategy says that anything is relabelled.
+pub(crate) fn check_idle(given: &[(&'static str, bool)]) -> PyResult<()> {
+    given
+        .iter()
+        .filter(|(_, is_given)| *is_given)
+        .try_for_each(|&(field, _)| {
+            Err(to_py(Error::Argument {
+                field,
+                expected: "a strategy beside it, such as relabel=\"final\"".into(),
+                got: "relabel=None".into(),
+            }))
+        })
+}
+
 /// The rule that Python arguments describe; None where nothing is relabelled.
 pub(crate) fn hindsight_rule(
     relabel: Option<&str>,
     probability: Option<f64>,
     ratio: Option<&Bound<'_, PyAny>>,
     on: Option<&Bound<'_, PyAny>>,
+    reward: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Option<HindsightRule>> {
     let Some(name) = relabel else {
+        check_idle(&[
+            ("probability", probability.is_some()),
+            ("ratio", ratio.is_some()),
+            ("on", on.is_some()),
+            ("reward", reward.is_some()),
+        ])?;
         return Ok(None);
     };
     let share = match (probability, ratio) {

@@ -1,8 +1,19 @@
 //! The extension module `vhs._core`: borrow, check, call, map errors. No loop over data lives here.
 //!
-//! Documentation for users is in `python/vhs/_core.pyi`, which editors read and `stubtest` checks
-//! against this module.
+//! Documentation for users is written once, in `python/vhs/_core.pyi`, which editors read and `stubtest` checks
+//! against this module; `build.rs` takes it from there, so that `help()` says the same.
 #![deny(missing_docs)]
+#![allow(
+    clippy::doc_markdown,
+    reason = "docstrings of Python have marks of their own"
+)]
+
+/// The docstring that the stub has for a class, a function or `Class.method`.
+macro_rules! stub {
+    ($name:literal) => {
+        include_str!(concat!(env!("OUT_DIR"), "/", $name, ".txt"))
+    };
+}
 
 mod arrays;
 mod batch;

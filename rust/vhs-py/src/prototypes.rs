@@ -9,11 +9,11 @@ use vhs_core::error::{Result, check_shape};
 use vhs_core::prototypes as core;
 
 use crate::arrays::{
-    check_vector, checked, detached, exact, filled, integer_vec, into_array, reals, rng_from_state,
-    seed, size, slice,
+    bools, checked, detached, exact, filled, integer_vec, into_array, reals, rng_from_state, seed,
+    size, slice,
 };
 
-/// One mean feature vector a goal class; see the stub for its documentation.
+#[doc = stub!("Prototypes")]
 #[pyclass(frozen, module = "vhs._core")]
 pub(crate) struct Prototypes {
     inner: Mutex<core::Prototypes>,
@@ -58,6 +58,7 @@ impl Prototypes {
         })
     }
 
+    #[doc = stub!("Prototypes.update")]
     fn update(
         &self,
         py: Python<'_>,
@@ -74,6 +75,7 @@ impl Prototypes {
         self.run(py, |table| table.update(features, &labels))
     }
 
+    #[doc = stub!("Prototypes.embed")]
     #[pyo3(signature = (labels, *, out=None))]
     fn embed<'py>(
         &self,
@@ -87,6 +89,7 @@ impl Prototypes {
         Ok(filled(py, out, &[labels.len(), self.dim], fresh, into)?.0)
     }
 
+    #[doc = stub!("Prototypes.state_dict")]
     fn state_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let copy = detached(py, &self.inner, |table| table.clone());
         let state = PyDict::new(py);
@@ -102,6 +105,7 @@ impl Prototypes {
         Ok(state)
     }
 
+    #[doc = stub!("Prototypes.load_state_dict")]
     fn load_state_dict(&self, py: Python<'_>, state: &Bound<'_, PyAny>) -> PyResult<()> {
         let table = exact::<f32>("table", &state.get_item("table")?)?;
         checked(check_shape(
@@ -109,37 +113,41 @@ impl Prototypes {
             &[self.num_classes, self.dim],
             table.shape(),
         ))?;
-        let seen = exact::<bool>("seen", &state.get_item("seen")?)?;
-        check_vector("seen", seen.shape())?;
+        let seen = bools("seen", &state.get_item("seen")?, &[self.num_classes])?;
         let rng = rng_from_state("rng", &state.get_item("rng")?)?;
-        let (table, seen) = (slice(&table), slice(&seen));
+        let table = slice(&table);
         checked(detached(py, &self.inner, |prototypes| {
-            prototypes.restore(table, seen, rng)
+            prototypes.restore(table, &seen, rng)
         }))
     }
 
+    #[doc = stub!("Prototypes.table")]
     #[getter]
     fn table<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
         let table = detached(py, &self.inner, |prototypes| prototypes.table().to_vec());
         into_array(py, table, &[self.num_classes, self.dim])
     }
 
+    #[doc = stub!("Prototypes.seen")]
     #[getter]
     fn seen<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
         let seen = detached(py, &self.inner, |prototypes| prototypes.seen().to_vec());
         into_array(py, seen, &[self.num_classes])
     }
 
+    #[doc = stub!("Prototypes.num_classes")]
     #[getter]
     fn num_classes(&self) -> usize {
         self.num_classes
     }
 
+    #[doc = stub!("Prototypes.dim")]
     #[getter]
     fn dim(&self) -> usize {
         self.dim
     }
 
+    #[doc = stub!("Prototypes.momentum")]
     #[getter]
     fn momentum(&self, py: Python<'_>) -> f64 {
         detached(py, &self.inner, |prototypes| prototypes.momentum())

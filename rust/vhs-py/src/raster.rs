@@ -11,16 +11,14 @@
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use numpy::{
-    PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArrayDyn, PyReadwriteArrayDyn,
-    PyUntypedArrayMethods,
-};
+use numpy::{PyReadonlyArray2, PyReadonlyArrayDyn, PyReadwriteArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use vhs_raster::{
     Antialias, Camera, Canvas, Error, Geom, Haze, Layout, Lens, Light, LightKind, MeshData, Scene,
     SceneSpec, Shape, Surface, Tessellation, Texture, TextureKind, TextureUse, View,
 };
 
+use crate::arrays::bools;
 use crate::error::{layout, protocol, raster_to_py as to_py, shape};
 use crate::raster_feed::{Feed, Gaze, Handle};
 
@@ -59,7 +57,8 @@ fn optional(index: i32) -> Option<usize> {
     usize::try_from(index).ok()
 }
 
-/// A scene while it is being collected, then ready to be drawn.
+#[doc = stub!("RasterScene")]
+// A scene while it is being collected, then ready to be drawn.
 #[pyclass(module = "vhs._core", frozen)]
 pub struct RasterScene {
     spec: Mutex<SceneSpec>,
@@ -88,7 +87,7 @@ impl RasterScene {
         }
     }
 
-    /// Adds a texture of shape [height, width, channels] and returns its number.
+    #[doc = stub!("RasterScene.add_texture")]
     fn add_texture(&self, is_cube: bool, data: PyReadonlyArrayDyn<'_, u8>) -> PyResult<usize> {
         let &[height, width, channels] = data.shape() else {
             return Err(shape("texture", "[height, width, channels]", data.shape()));
@@ -111,7 +110,7 @@ impl RasterScene {
         Ok(spec.textures.len() - 1)
     }
 
-    /// Adds a mesh and returns its number; `uv` and `face_uv` are empty for a mesh without texture coordinates.
+    #[doc = stub!("RasterScene.add_mesh")]
     fn add_mesh(
         &self,
         vertices: PyReadonlyArray2<'_, f32>,
@@ -134,7 +133,7 @@ impl RasterScene {
         Ok(spec.meshes.len() - 1)
     }
 
-    /// Adds a geom: its MuJoCo type, sizes, mesh (or -1), surface, texture (or -1) and segmentation tag.
+    #[doc = stub!("RasterScene.add_geom")]
     #[allow(
         clippy::too_many_arguments,
         reason = "one keyword a field, called from one place"
@@ -175,7 +174,7 @@ impl RasterScene {
         Ok(())
     }
 
-    /// Adds a light; `spot` holds attenuation (3), exponent and cutoff in degrees, or is empty.
+    #[doc = stub!("RasterScene.add_light")]
     fn add_light(&self, colours: [[f32; 3]; 3], spot: Option<[f32; 5]>, is_headlight: bool) {
         let [ambient, diffuse, specular] = colours;
         let kind = spot.map_or(LightKind::Directional, |s| LightKind::Spot {
@@ -192,7 +191,7 @@ impl RasterScene {
         });
     }
 
-    /// Sets the sky's texture and the haze over the horizon.
+    #[doc = stub!("RasterScene.set_sky")]
     fn set_sky(&self, texture: usize, haze_rgb: [f32; 3], haze_proportion: f32) {
         let mut spec = lock(&self.spec);
         spec.sky = Some(texture);
@@ -245,7 +244,8 @@ struct State {
     lights: Vec<Option<usize>>,
 }
 
-/// A picture of fixed size that draws one scene.
+#[doc = stub!("RasterCanvas")]
+// A picture of fixed size that draws one scene.
 #[pyclass(module = "vhs._core", frozen)]
 pub struct RasterCanvas {
     scene: Scene,
@@ -255,8 +255,6 @@ pub struct RasterCanvas {
 
 #[pymethods]
 impl RasterCanvas {
-    /// `geoms`: how many of the scene's geoms are geoms, the rest are sites. `lights`: for each light of the scene
-    /// its number in the simulation, -1 for the headlight. `antialias`: 0 off, 1 multisample, 2 supersample.
     #[new]
     fn new(
         scene: &RasterScene,
@@ -295,7 +293,7 @@ impl RasterCanvas {
         })
     }
 
-    /// Remembers the arrays of a simulation; later updates read them.
+    #[doc = stub!("RasterCanvas.bind")]
     #[allow(
         clippy::too_many_arguments,
         reason = "one array a field, called from one place"
@@ -324,16 +322,14 @@ impl RasterCanvas {
         lock(&self.state).feed = Some(feed);
     }
 
-    /// Says which geoms, sites included, are drawn.
-    fn set_visible(&self, is_visible: PyReadonlyArray1<'_, bool>) -> PyResult<()> {
-        lock(&self.state)
-            .view
-            .set_visible(is_visible.as_slice().map_err(gaps("is_visible"))?)
-            .map_err(to_py)
+    #[doc = stub!("RasterCanvas.set_visible")]
+    fn set_visible(&self, is_visible: &Bound<'_, PyAny>) -> PyResult<()> {
+        let is_visible = bools("is_visible", is_visible, &[self.scene.geom_count()])?;
+        let mut state = lock(&self.state);
+        state.view.set_visible(&is_visible).map_err(to_py)
     }
 
-    /// Reads poses from the bound arrays. `fixed` is the number of a fixed camera; otherwise `gaze` says where the
-    /// camera is. `lens`: (fovy,), (bottom, top, left, right) or (height, 0) for a parallel projection.
+    #[doc = stub!("RasterCanvas.update")]
     #[pyo3(signature = (fixed, gaze, lens, near, far))]
     fn update(
         &self,
@@ -385,7 +381,7 @@ impl RasterCanvas {
         .map_err(to_py)
     }
 
-    /// Draws colours into `out`, uint8 [height, width, 3], or [3, height, width] if `is_planar`.
+    #[doc = stub!("RasterCanvas.draw")]
     fn draw(
         &self,
         py: Python<'_>,
@@ -406,7 +402,7 @@ impl RasterCanvas {
         .map_err(to_py)
     }
 
-    /// Draws distances in metres into `out`, float32 [height, width].
+    #[doc = stub!("RasterCanvas.draw_depth")]
     fn draw_depth(&self, py: Python<'_>, mut out: PyReadwriteArrayDyn<'_, f32>) -> PyResult<()> {
         let out = out.as_slice_mut().map_err(gaps("out"))?;
         py.detach(|| {
@@ -417,7 +413,7 @@ impl RasterCanvas {
         .map_err(to_py)
     }
 
-    /// Draws object number and type into `out`, int32 [height, width, 2].
+    #[doc = stub!("RasterCanvas.draw_tags")]
     fn draw_tags(&self, py: Python<'_>, mut out: PyReadwriteArrayDyn<'_, i32>) -> PyResult<()> {
         let out = out.as_slice_mut().map_err(gaps("out"))?;
         py.detach(|| {
@@ -428,7 +424,7 @@ impl RasterCanvas {
         .map_err(to_py)
     }
 
-    /// Position, gaze and up vector of a camera that circles a point; angles in degrees.
+    #[doc = stub!("RasterCanvas.orbit")]
     #[staticmethod]
     fn orbit(look_at: [f64; 3], distance: f64, azimuth: f64, elevation: f64) -> Gaze {
         Camera::orbit(look_at, distance, azimuth, elevation)

@@ -15,11 +15,14 @@ use crate::batch::EpisodeBatch;
 use crate::error::{dtype, to_py};
 use crate::rng::Rng;
 
-/// The new goals of a batch, as row numbers; see the stub for its documentation.
+#[doc = stub!("Hindsight")]
 #[pyclass(frozen, get_all, module = "vhs._core")]
 pub(crate) struct Hindsight {
+    #[doc = stub!("Hindsight.selected")]
     selected: Py<PyArrayDyn<bool>>,
+    #[doc = stub!("Hindsight.goal_rows")]
     goal_rows: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("Hindsight.interactions")]
     interactions: Py<PyArrayDyn<i64>>,
 }
 
@@ -34,7 +37,8 @@ impl Hindsight {
     }
 }
 
-/// Chooses the episodes of a batch that are relabelled, and their new goals.
+#[doc = stub!("relabel")]
+// Chooses the episodes of a batch that are relabelled, and their new goals.
 #[pyfunction]
 #[pyo3(signature = (batch, *, rng, strategy="final", on=None, probability=0.8))]
 pub(crate) fn relabel(

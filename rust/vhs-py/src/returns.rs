@@ -7,7 +7,7 @@ use vhs_core::returns as core;
 
 use crate::arrays::{checked, filled, integer_vec, reals, slice};
 
-/// Monte-Carlo returns of padded episodes; see the stub for its documentation.
+#[doc = stub!("discounted_returns")]
 #[pyfunction]
 #[pyo3(signature = (rewards, lengths, gamma, *, out=None))]
 pub(crate) fn discounted_returns<'py>(

@@ -8,7 +8,7 @@ use vhs_core::rng as core;
 
 use crate::arrays::{detached, into_array, rng_from_state, seed};
 
-/// A seeded generator; see the stub for its documentation.
+#[doc = stub!("Rng")]
 #[pyclass(frozen, module = "vhs._core")]
 pub(crate) struct Rng {
     pub(crate) inner: Mutex<core::Rng>,
@@ -25,6 +25,7 @@ impl Rng {
         })
     }
 
+    #[doc = stub!("Rng.from_state")]
     #[staticmethod]
     fn from_state(state: &Bound<'_, PyAny>) -> PyResult<Self> {
         Ok(Self {
@@ -32,6 +33,7 @@ impl Rng {
         })
     }
 
+    #[doc = stub!("Rng.state")]
     #[getter]
     fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<u64>>> {
         let state = detached(py, &self.inner, |rng| rng.state());

@@ -93,7 +93,7 @@ where
     }
 }
 
-/// The learner's end of a pool; see the stub for its documentation.
+#[doc = stub!("RolloutLearner")]
 #[pyclass(frozen, module = "vhs._core")]
 pub(crate) struct RolloutLearner {
     pool: Mutex<Pool>,
@@ -128,6 +128,7 @@ impl RolloutLearner {
         })
     }
 
+    #[doc = stub!("RolloutLearner.memory")]
     #[getter]
     fn memory(&self) -> i32 {
         self.mapping.memory().as_raw_fd()
@@ -138,11 +139,13 @@ impl RolloutLearner {
         offsets(self.mapping.layout())
     }
 
+    #[doc = stub!("RolloutLearner.block_bytes")]
     #[getter]
     fn block_bytes(&self) -> usize {
         self.block_bytes
     }
 
+    #[doc = stub!("RolloutLearner.columns")]
     #[getter]
     fn columns(&self, py: Python<'_>) -> (Vec<usize>, Vec<usize>, Vec<usize>) {
         detached(py, &self.pool, |pool| {
@@ -164,6 +167,7 @@ impl RolloutLearner {
         })
     }
 
+    #[doc = stub!("RolloutLearner.send")]
     #[expect(
         clippy::needless_pass_by_value,
         reason = "extracted arguments are owned"
@@ -188,11 +192,13 @@ impl RolloutLearner {
         })
     }
 
+    #[doc = stub!("RolloutLearner.wait")]
     fn wait(&self, py: Python<'_>, wanted: usize, limit_s: f64) -> bool {
         let limit = duration(limit_s);
         detached(py, &self.pool, |pool| pool.wait(wanted, limit)) == Waited::Ready
     }
 
+    #[doc = stub!("RolloutLearner.recv")]
     fn recv(
         &self,
         py: Python<'_>,
@@ -234,6 +240,7 @@ impl RolloutLearner {
         detached(py, &self.pool, |pool| pool.expect_start(worker, limit));
     }
 
+    #[doc = stub!("RolloutLearner.watch")]
     fn watch(&self, worker: usize, pid: i32) -> PyResult<()> {
         let watch = self.watch.lock().unwrap_or_else(PoisonError::into_inner);
         watch
@@ -241,6 +248,7 @@ impl RolloutLearner {
             .map_or(Ok(()), |watch| Ok(watch.add(worker, pid)?))
     }
 
+    #[doc = stub!("RolloutLearner.take_deaths")]
     fn take_deaths(&self) -> Vec<(usize, bool)> {
         let watch = self.watch.lock().unwrap_or_else(PoisonError::into_inner);
         let deaths = watch.as_ref().map(Watch::take_deaths).unwrap_or_default();
@@ -250,6 +258,7 @@ impl RolloutLearner {
             .collect()
     }
 
+    #[doc = stub!("RolloutLearner.take_notices")]
     fn take_notices(&self, py: Python<'_>) -> Vec<(usize, u32, u32)> {
         let notices = detached(py, &self.pool, Pool::take_notices).into_iter();
         notices
@@ -257,6 +266,7 @@ impl RolloutLearner {
             .collect()
     }
 
+    #[doc = stub!("RolloutLearner.reclaim")]
     fn reclaim(&self, py: Python<'_>, worker: usize) -> (Vec<i64>, bool) {
         detached(py, &self.pool, |pool| {
             let has_answered = pool.has_answered(worker);
@@ -265,6 +275,7 @@ impl RolloutLearner {
         })
     }
 
+    #[doc = stub!("RolloutLearner.stats")]
     #[getter]
     fn stats(&self, py: Python<'_>) -> (u64, u64, u64, u64, u64) {
         let stats = detached(py, &self.pool, |pool| pool.stats());
@@ -277,6 +288,7 @@ impl RolloutLearner {
         )
     }
 
+    #[doc = stub!("RolloutLearner.close")]
     fn close(&self, py: Python<'_>) {
         detached(py, &self.pool, Pool::close);
         // Workers that leave now are no deaths to hear of; the drop waits for the thread, which may want the interpreter.
@@ -289,7 +301,7 @@ impl RolloutLearner {
     }
 }
 
-/// A worker's end of a pool; see the stub for its documentation.
+#[doc = stub!("RolloutWorker")]
 #[pyclass(frozen, module = "vhs._core")]
 pub(crate) struct RolloutWorker {
     worker: Mutex<Worker>,
@@ -325,11 +337,13 @@ impl RolloutWorker {
         offsets(self.mapping.layout())
     }
 
+    #[doc = stub!("RolloutWorker.epoch")]
     #[getter]
     fn epoch(&self, py: Python<'_>) -> u32 {
         detached(py, &self.worker, |worker| worker.epoch().number())
     }
 
+    #[doc = stub!("RolloutWorker.next")]
     fn next(&self, py: Python<'_>, limit_s: f64) -> (i64, u32, i64, Option<u64>, u32) {
         // A command that has come already is worth no release of the interpreter.
         let task = attached(py, &self.worker, Worker::poll).unwrap_or_else(|| {
@@ -349,11 +363,13 @@ impl RolloutWorker {
         }
     }
 
+    #[doc = stub!("RolloutWorker.allow")]
     fn allow(&self, py: Python<'_>, extra_s: f64) {
         let extra = duration(extra_s);
         detached(py, &self.worker, |worker| worker.allow(extra));
     }
 
+    #[doc = stub!("RolloutWorker.commit")]
     #[expect(
         clippy::too_many_arguments,
         reason = "one positional call a step is the cheapest"
@@ -382,6 +398,7 @@ impl RolloutWorker {
         }))
     }
 
+    #[doc = stub!("RolloutWorker.end_with")]
     #[staticmethod]
     fn end_with(parent: i32, by_signal: bool) -> PyResult<()> {
         Ok(process::end_with(parent, by_signal)?)

@@ -12,46 +12,79 @@ use crate::arrays::into_array;
 /// the buffer does not have is None.
 pub(crate) type Large<'py> = [Option<Bound<'py, PyAny>>; 4];
 
-/// Single steps as arrays; see the stub for its documentation.
+#[doc = stub!("TransitionBatch")]
 #[pyclass(frozen, get_all, module = "vhs._core")]
 pub(crate) struct TransitionBatch {
+    #[doc = stub!("TransitionBatch.observations")]
     observations: Option<Py<PyAny>>,
+    #[doc = stub!("TransitionBatch.next_observations")]
     next_observations: Option<Py<PyAny>>,
+    #[doc = stub!("TransitionBatch.goals")]
     goals: Option<Py<PyAny>>,
+    #[doc = stub!("TransitionBatch.achieved_goals")]
     achieved_goals: Option<Py<PyAny>>,
+    #[doc = stub!("TransitionBatch.actions")]
     actions: Py<PyAny>,
+    #[doc = stub!("TransitionBatch.rewards")]
     rewards: Py<PyArrayDyn<f32>>,
+    #[doc = stub!("TransitionBatch.terminated")]
     terminated: Py<PyArrayDyn<bool>>,
+    #[doc = stub!("TransitionBatch.truncated")]
     truncated: Py<PyArrayDyn<bool>>,
+    #[doc = stub!("TransitionBatch.relabelled")]
     relabelled: Py<PyArrayDyn<bool>>,
+    #[doc = stub!("TransitionBatch.ids")]
     ids: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("TransitionBatch.steps")]
     steps: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("TransitionBatch.goal_ids")]
     goal_ids: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("TransitionBatch.goal_steps")]
     goal_steps: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("TransitionBatch.labels")]
     labels: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("TransitionBatch.interactions")]
     interactions: Py<PyArrayDyn<i64>>,
 }
 
-/// Parts of episodes as arrays; see the stub for its documentation.
+#[doc = stub!("WindowBatch")]
 #[pyclass(frozen, get_all, module = "vhs._core")]
 pub(crate) struct WindowBatch {
+    #[doc = stub!("WindowBatch.observations")]
     observations: Option<Py<PyAny>>,
+    #[doc = stub!("WindowBatch.goals")]
     goals: Option<Py<PyAny>>,
+    #[doc = stub!("WindowBatch.achieved_goals")]
     achieved_goals: Option<Py<PyAny>>,
+    #[doc = stub!("WindowBatch.actions")]
     actions: Py<PyAny>,
+    #[doc = stub!("WindowBatch.rewards")]
     rewards: Py<PyArrayDyn<f32>>,
+    #[doc = stub!("WindowBatch.values")]
     values: Py<PyArrayDyn<f32>>,
+    #[doc = stub!("WindowBatch.terminated")]
     terminated: Py<PyArrayDyn<bool>>,
+    #[doc = stub!("WindowBatch.truncated")]
     truncated: Py<PyArrayDyn<bool>>,
+    #[doc = stub!("WindowBatch.mask")]
     mask: Py<PyArrayDyn<bool>>,
+    #[doc = stub!("WindowBatch.burn_in")]
     burn_in: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("WindowBatch.lengths")]
     lengths: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("WindowBatch.relabelled")]
     relabelled: Py<PyArrayDyn<bool>>,
+    #[doc = stub!("WindowBatch.ids")]
     ids: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("WindowBatch.steps")]
     steps: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("WindowBatch.goal_ids")]
     goal_ids: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("WindowBatch.goal_steps")]
     goal_steps: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("WindowBatch.labels")]
     labels: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("WindowBatch.interactions")]
     interactions: Py<PyArrayDyn<i64>>,
 }
 
@@ -163,6 +196,7 @@ pub(crate) fn actions(
 
 #[pymethods]
 impl TransitionBatch {
+    #[doc = stub!("TransitionBatch.__len__")]
     fn __len__(&self, py: Python<'_>) -> PyResult<usize> {
         self.ids.bind(py).len()
     }
@@ -170,6 +204,7 @@ impl TransitionBatch {
 
 #[pymethods]
 impl WindowBatch {
+    #[doc = stub!("WindowBatch.__len__")]
     fn __len__(&self, py: Python<'_>) -> PyResult<usize> {
         self.ids.bind(py).len()
     }

@@ -138,7 +138,9 @@ impl Lamp {
         } else {
             pow_unit(along.clamp(0.0, 1.0), exponent)
         };
-        (to_light, cone / fall)
+        // Finite also where the light does not fall off to begin with and touches the surface: no light times it is
+        // then no light, as it is not for infinity.
+        (to_light, (cone / fall).min(f32::MAX))
     }
 }
 

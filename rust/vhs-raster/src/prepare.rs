@@ -4,7 +4,7 @@
 
 use crate::error::{Error, Result};
 use crate::math::{V3, dot, times};
-use crate::scene::{Geom, MeshData, SceneSpec, Shape, TextureUse};
+use crate::scene::{Geom, LightKind, MeshData, SceneSpec, Shape, TextureUse};
 use crate::solid::Solid;
 use crate::texture::TextureKind;
 
@@ -134,6 +134,12 @@ impl Scene {
     #[must_use]
     pub fn geom_count(&self) -> usize {
         self.spec.geoms.len()
+    }
+
+    /// Colour of the haze, in 0..=1 as OpenGL clamps it; black without haze.
+    pub(crate) fn haze_colour(&self) -> V3 {
+        let rgb = self.spec.haze.map_or([0.0; 3], |haze| haze.rgb);
+        rgb.map(|c| c.clamp(0.0, 1.0))
     }
 
     /// Number of lights, headlight included.
@@ -361,10 +367,37 @@ fn check(spec: &SceneSpec) -> Result<()> {
         }
         if let Some(texture) = s.texture {
             below("texture", texture.texture, spec.textures.len())?;
+            if !texture.repeat.iter().all(|x| x.is_finite()) {
+                return Err(Error::NotFinite {
+                    what: "texture repetitions of geom",
+                    index: g,
+                });
+            }
         }
         if let Shape::Mesh { mesh, .. } = geom.shape {
             below("mesh", mesh, spec.meshes.len())?;
         }
+    }
+    for (index, light) in spec.lights.iter().enumerate() {
+        let spot = match light.kind {
+            LightKind::Directional => [0.0; 5],
+            LightKind::Spot {
+                attenuation: [constant, linear, quadratic],
+                exponent,
+                cutoff,
+            } => [constant, linear, quadratic, exponent, cutoff],
+        };
+        let colours = [light.ambient, light.diffuse, light.specular];
+        if !colours.iter().flatten().chain(&spot).all(|x| x.is_finite()) {
+            return Err(Error::NotFinite {
+                what: "light",
+                index,
+            });
+        }
+    }
+    if let Some(haze) = spec.haze {
+        let [red, green, blue] = haze.rgb;
+        finite("haze", &[[red, green, blue, haze.proportion]])?;
     }
     if let Some(sky) = spec.sky {
         below("sky texture", sky, spec.textures.len())?;

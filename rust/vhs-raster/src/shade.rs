@@ -145,10 +145,7 @@ impl Shader<'_> {
         let solid = &self.scene.solids[part.solid];
         let (light, alpha) = match part.role {
             Role::Sky => (Light::Even([1.0; 3]), 1.0),
-            Role::Haze => (
-                Light::Even(self.scene.spec.haze.map_or([0.0; 3], |h| h.rgb)),
-                1.0,
-            ),
+            Role::Haze => (Light::Even(self.scene.haze_colour()), 1.0),
             Role::Geom(g) => (
                 self.light_of(&part, &self.scene.spec.geoms[g].surface, solid, drawn.face),
                 part.alpha,

@@ -6,7 +6,7 @@ use proptest::prelude::*;
 
 use crate::lanes::Kind;
 use crate::{
-    Antialias, Camera, Canvas, Error, Geom, Layout, Lens, Light, LightKind, MeshData, Scene,
+    Antialias, Camera, Canvas, Error, Geom, Haze, Layout, Lens, Light, LightKind, MeshData, Scene,
     SceneSpec, Shape, Surface, Texture, TextureKind, TextureUse, View,
 };
 
@@ -377,6 +377,10 @@ fn every_refusal_says_what_was_expected_and_found() {
             "geom positions: expected 3 values, got 6",
         ),
         (
+            view.set_poses(6, &[], &[]).err(),
+            "first geom index 6: expected less than 6",
+        ),
+        (
             view.set_poses(0, &poses, &[0.0; 8]).err(),
             "geom rotations: expected 9 values, got 8",
         ),
@@ -492,4 +496,86 @@ fn a_view_is_of_its_own_scene_and_of_a_camera_that_sees() {
         ..camera([0.0; 3], 0.0, 0.0)
     };
     assert!(View::new(&one, blind).is_err());
+}
+
+#[test]
+fn haze_brighter_than_white_is_white() {
+    let look = |rgb| {
+        let mut spec = mixed_scene(1).spec;
+        let proportion = 0.8;
+        spec.haze = Some(Haze { rgb, proportion });
+        let scene = Scene::new(spec).unwrap();
+        let view = View::new(&scene, camera([0.0, 0.0, 1.0], 0.0, 0.0)).unwrap();
+        picture(&scene, &view, Antialias::Off, Kind::detect())
+    };
+    let white = look([1.0; 3]);
+    assert_ne!(white, look([0.0; 3]), "the haze is in the picture");
+    assert!(white == look([1.5, 1.0, 700.0]));
+}
+
+#[test]
+fn numbers_without_meaning_are_refused_wherever_a_scene_has_them() {
+    let refused = |change: fn(&mut SceneSpec)| {
+        let mut spec = mixed_scene(1).spec;
+        change(&mut spec);
+        Scene::new(spec).err().map(|error| error.to_string())
+    };
+    let told = |what: &str| {
+        Some(format!(
+            "{what}: expected finite numbers, got NaN or infinity"
+        ))
+    };
+    assert_eq!(
+        refused(|spec| spec.lights[1].diffuse[2] = f32::NAN),
+        told("light 1")
+    );
+    let spot = |spec: &mut SceneSpec| {
+        spec.lights[1].kind = LightKind::Spot {
+            attenuation: [1.0, f32::INFINITY, 0.0],
+            exponent: 5.0,
+            cutoff: 60.0,
+        };
+    };
+    assert_eq!(refused(spot), told("light 1"));
+    let haze = |spec: &mut SceneSpec| {
+        spec.haze = Some(Haze {
+            rgb: [f32::NAN; 3],
+            proportion: 0.5,
+        });
+    };
+    assert_eq!(refused(haze), told("haze 0"));
+    let repeat = |spec: &mut SceneSpec| {
+        if let Some(texture) = &mut spec.geoms[3].surface.texture {
+            texture.repeat[0] = f32::NAN;
+        }
+    };
+    assert_eq!(refused(repeat), told("texture repetitions of geom 3"));
+}
+
+#[test]
+fn a_light_that_does_not_fall_off_to_begin_with_makes_no_strange_colours() {
+    let mut spec = mixed_scene(1).spec;
+    spec.lights[1].kind = LightKind::Spot {
+        attenuation: [0.0; 3],
+        exponent: 0.0,
+        cutoff: 180.0,
+    };
+    spec.lights[1].ambient = [0.0, 1.0, 0.0];
+    spec.lights[1].diffuse = [0.0; 3];
+    spec.lights[1].specular = [0.0; 3];
+    let kinds = kinds();
+    let scene = Scene::new(spec).unwrap();
+    let view = View::new(&scene, camera([-2.0, 0.0, 1.0], 0.0, -20.0)).unwrap();
+    let pictures: Vec<_> = kinds
+        .iter()
+        .map(|&kind| picture(&scene, &view, Antialias::Off, kind))
+        .collect();
+    // Without end in green, so all that is lit by it is as green as can be.
+    let ball = 3 * (SIZE * SIZE / 2 + SIZE / 2);
+    assert!(pictures.iter().all(|picture| *picture == pictures[0]));
+    assert!(
+        pictures[0][ball + 1] >= pictures[0][ball],
+        "{:?}",
+        &pictures[0][ball..ball + 3]
+    );
 }

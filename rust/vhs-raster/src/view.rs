@@ -295,11 +295,17 @@ impl View {
     /// Sets poses from geom `first` on: `positions` [n, 3] in metres, `rotations` [n, 3, 3] world from geom.
     ///
     /// # Errors
-    /// [`Error::Length`] when the arrays disagree or run past the last geom, [`Error::NotFinite`] for NaN or
-    /// infinity. Then no pose changes.
+    /// [`Error::Length`] when the arrays disagree or run past the last geom, [`Error::Index`] where `first` itself
+    /// does, [`Error::NotFinite`] for NaN or infinity. Then no pose changes.
     pub fn set_poses(&mut self, first: usize, positions: &[f64], rotations: &[f64]) -> Result<()> {
         let n = positions.len() / 3;
-        let expected = self.poses.len().saturating_sub(first);
+        let Some(expected) = self.poses.len().checked_sub(first) else {
+            return Err(Error::Index {
+                what: "first geom",
+                index: first,
+                len: self.poses.len() + 1,
+            });
+        };
         if n > expected || positions.len() != 3 * n {
             return Err(Error::Length {
                 what: "geom positions",

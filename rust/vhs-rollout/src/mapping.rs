@@ -1,7 +1,7 @@
 //! The mapping: one memfd that learner and workers share, and the typed views of it.
 //!
-//! A memfd has no name, so nothing is left behind however the processes end. It is sealed against shrinking: no process
-//! can make another fault.
+//! A memfd has no name, so nothing is left behind however the processes end. It is sealed against shrinking, and only
+//! sealed memory is opened: no process can make another fault.
 //!
 //! Invariant behind every `unsafe` here: the region is as large as its [`Layout`] says, lives as long as the [`Mapping`],
 //! begins as zeros (valid for every shared type: they consist of atomics) and its control part is only ever used through
@@ -17,6 +17,9 @@ use vhs_core::error::{Error, Result};
 use crate::layout::{Header, Layout, MAGIC, Post, Shape, VERSION};
 use crate::slot::Slot;
 use crate::sync::Ordering;
+
+/// The size stays what it is.
+const SEALS: libc::c_int = libc::F_SEAL_SHRINK | libc::F_SEAL_GROW | libc::F_SEAL_SEAL;
 
 /// A process's view of the shared memory.
 #[derive(Debug)]
@@ -56,6 +59,10 @@ impl Mapping {
     /// [`Error::Damaged`] when it was made for another shape or by another build, [`Error::Io`] when the system refuses.
     pub fn open(memory: OwnedFd, shape: Shape) -> Result<Self> {
         let layout = Layout::new(shape)?;
+        let seals = seals(memory.as_fd()).map_err(|error| refused("read the seals of", error))?;
+        if seals & SEALS != SEALS {
+            return Err(damaged("seals", &SEALS.to_string(), &seals.to_string()));
+        }
         let size = size_of_memory(memory.as_fd()).map_err(|error| refused("read", error))?;
         expect("size", layout.total as u64, size)?;
         let mapping = Self::map(memory, layout)?;
@@ -170,13 +177,18 @@ fn new_memory(bytes: usize) -> io::Result<OwnedFd> {
         OwnedFd::from_raw_fd(number)
     };
     let size = libc::off_t::try_from(bytes).map_err(io::Error::other)?;
-    let seals = libc::F_SEAL_SHRINK | libc::F_SEAL_GROW | libc::F_SEAL_SEAL;
     // SAFETY: both calls only concern the descriptor, which is open.
     unsafe {
         checked(libc::ftruncate(memory.as_raw_fd(), size))?;
-        checked(libc::fcntl(memory.as_raw_fd(), libc::F_ADD_SEALS, seals))?;
+        checked(libc::fcntl(memory.as_raw_fd(), libc::F_ADD_SEALS, SEALS))?;
     }
     Ok(memory)
+}
+
+/// The seals that a descriptor has; an error for one that cannot have any, such as that of an ordinary file.
+fn seals(memory: BorrowedFd<'_>) -> io::Result<libc::c_int> {
+    // SAFETY: the call only concerns the descriptor, which is open.
+    checked(unsafe { libc::fcntl(memory.as_raw_fd(), libc::F_GET_SEALS) })
 }
 
 fn size_of_memory(memory: BorrowedFd<'_>) -> io::Result<u64> {
@@ -203,10 +215,14 @@ fn expect(field: &'static str, expected: u64, found: u64) -> Result<()> {
     if expected == found {
         return Ok(());
     }
-    Err(Error::Damaged {
+    Err(damaged(field, &expected.to_string(), &found.to_string()))
+}
+
+fn damaged(field: &'static str, expected: &str, found: &str) -> Error {
+    Error::Damaged {
         path: PathBuf::from("shared memory of the rollout pool"),
         field,
-        expected: expected.to_string(),
-        found: found.to_string(),
-    })
+        expected: expected.into(),
+        found: found.into(),
+    }
 }

@@ -6,7 +6,7 @@
     reason = "a panic is how a test fails; payloads are 64-byte aligned"
 )]
 
-use std::os::fd::AsFd;
+use std::os::fd::{AsFd, AsRawFd};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -105,6 +105,26 @@ fn memory_of_another_shape_is_refused() {
         Mapping::open(memory(), larger),
         Err(Error::Damaged { .. })
     ));
+}
+
+#[test]
+fn memory_that_somebody_could_cut_short_is_refused() {
+    let mapping = Mapping::create(SHAPE).unwrap();
+    let whole = std::fs::read(format!("/proc/self/fd/{}", mapping.memory().as_raw_fd())).unwrap();
+    let path = std::env::temp_dir().join(format!("vhs-unsealed-{}", std::process::id()));
+    std::fs::write(&path, whole).unwrap();
+    let file = std::fs::File::options()
+        .read(true)
+        .write(true)
+        .open(&path)
+        .unwrap();
+    std::fs::remove_file(&path).unwrap();
+    let refused = Mapping::open(file.into(), SHAPE);
+    // In a file system in memory it has seals, but not these.
+    assert!(
+        matches!(refused, Err(Error::Io { .. } | Error::Damaged { .. })),
+        "{refused:?}"
+    );
 }
 
 #[test]

@@ -18,6 +18,8 @@ use vhs_rollout::worker::{Task, Worker};
 
 const WORDS: usize = 64;
 const SOON: Duration = Duration::from_millis(20);
+/// No wait here takes so long but one whose wake was lost.
+const STALLED: Duration = Duration::from_secs(60);
 
 fn shape(num_workers: usize, envs_per_worker: usize) -> Shape {
     Shape {
@@ -34,9 +36,9 @@ fn work(mapping: &Arc<Mapping>, number: usize) {
     let mut worker = Worker::new(Arc::clone(mapping), number, None).unwrap();
     let layout = *mapping.layout();
     loop {
-        match worker.next(SOON) {
+        match worker.next(STALLED) {
             Task::Leave => return,
-            Task::Nothing => {}
+            Task::Nothing => panic!("worker {number} was not woken"),
             Task::Command(local, command) => {
                 let env = number * layout.shape.envs_per_worker + local;
                 let payload = mapping.payload(env);
@@ -82,9 +84,8 @@ fn learn(learner: &mut Learner, steps: u64, wanted: usize) {
     learner.strike();
     let mut left = envs;
     while left > 0 {
-        if learner.wait(wanted.min(left), SOON) == Waited::Paused {
-            continue;
-        }
+        let end = learner.wait(wanted.min(left), STALLED);
+        assert_eq!(end, Waited::Ready, "the learner was not woken");
         let mut answered = Vec::new();
         learner.take(|env, answer, payload| {
             let step = taken[env];
