@@ -256,8 +256,10 @@ def _compare(options: argparse.Namespace) -> int:
     from vhs.eval.tables import as_markdown, write_comparison
 
     comparison = compare(options.runs, rate=options.rate, reference=options.reference)
-    print(as_markdown(comparison))
-    write_comparison(comparison, options.out)
+    try:
+        write_comparison(comparison, options.out)
+    finally:
+        print(as_markdown(comparison))
     return 0
 
 
