@@ -32,7 +32,13 @@ def test_a_missing_package_names_the_extra_that_brings_it(tmp_path: Path) -> Non
     ("arguments", "message"),
     [
         (["eval", "run", "--episodes", "0"], "--episodes"),
+        (
+            ["eval", "run", "--episodes", "2.5"],
+            "--episodes: expected a whole number of at least 1, found 2.5",
+        ),
         (["play", "run", "--seed", "-1"], "--seed"),
+        (["play", "run", "--seed", "x"], "--seed: expected a whole number of at least 0, found x"),
+        (["compare", "run", "--rate", "most"], "--rate: expected a share above 0 and up to 1, found most"),
         (["compare", "run", "--rate", "74.3"], "--rate"),
         (["sweep"], "FILE"),
     ],

@@ -38,7 +38,7 @@ def test_later_overlays_win_and_set_comes_last(tmp_path: Path) -> None:
 
 
 def test_dump_and_load_are_inverse(tmp_path: Path) -> None:
-    config = load_config([], ["seed=3", "env.room={turn_deg: 30}", "model.channels=[1,2,3,4]"])
+    config = load_config([], ["seed=3", "env.room={stride_m: 0.3}", "model.channels=[1,2,3,4]"])
     assert load_config([write(tmp_path / "c.yaml", dump_config(config))]) == config
 
 
@@ -90,7 +90,12 @@ def test_the_paper_overlay_switches_every_departure_off() -> None:
             "method.embedding=word",
             r"method.relabel_probability: expected 0 with method.embedding = word, .* found 0.8",
         ),
+        ("method.prototype_momentum=1", r"method.prototype_momentum: expected less than 1, found 1"),
         ("train=3", r"train: .*found 3"),
+        (
+            "env.room={stride_m: 1, stride_m: 2}",
+            r"--set env.room: expected a YAML value, found '{stride_m: 1",
+        ),
         ("train.gamma", r"--set: expected key=value, found 'train.gamma'"),
         ("train.gamma=[", r"--set train.gamma: expected a YAML value"),
     ],
@@ -98,6 +103,14 @@ def test_the_paper_overlay_switches_every_departure_off() -> None:
 def test_a_wrong_assignment_says_what_was_expected_and_found(assignment: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         load_config([], [assignment])
+
+
+def test_a_schedule_does_not_rise_unless_it_is_asked_to() -> None:
+    train = load_config([], ["train.entropy_weight=0", "train.learning_rate=1e-5"]).train
+    assert (train.entropy_weight_end, train.learning_rate_end) == (0, 1e-5)
+    train = load_config([], ["train.entropy_weight=0", "train.entropy_weight_end=0.1"]).train
+    assert (train.entropy_weight_end, train.learning_rate_end) == (0.1, 2e-5)
+    assert load_config([], ["train.entropy_weight=0.5"]).train.entropy_weight_end == 0.004
 
 
 def test_every_mistake_is_told_at_once() -> None:
@@ -115,6 +128,11 @@ def test_files_that_are_no_configuration(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="expected a mapping of sections, found list"):
         load_config([write(tmp_path / "b.yaml", "- 1")])
     assert load_config([write(tmp_path / "c.yaml", "# nothing yet\n")]) == Config()
+    twice = "train: {gamma: 0.5}\ntask: task1\ntrain: {episodes: 8}\n"
+    with pytest.raises(
+        ConfigError, match=r"d\.yaml: expected YAML, found a second `train`\n.*line 3, column 1"
+    ):
+        load_config([write(tmp_path / "d.yaml", twice)])
 
 
 def test_configuration_errors_are_vhs_errors_and_value_errors() -> None:

@@ -52,6 +52,16 @@ def test_a_method_has_its_own_learning_rate_unless_one_is_given() -> None:
             "method.relabel_probability: expected above 0 for method.name = gcsl, which learns from "
             "relabelled episodes alone, found 0.0",
         ),
+        (
+            ["method.name=gcsl", "method.relabel_on=[]"],
+            "method.relabel_on: expected an outcome for method.name = gcsl, which learns from relabelled "
+            "episodes alone, found none",
+        ),
+        (
+            ["method.name=gcsl", "method.vhs_weight=0"],
+            "method.vhs_weight: expected above 0 for method.name = gcsl, which learns from relabelled "
+            "episodes alone, found 0.0",
+        ),
     ],
 )
 def test_parts_that_do_not_fit_are_refused(assignments: list[str], message: str) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import select
 import sys
@@ -256,13 +257,18 @@ def _compare(options: argparse.Namespace) -> int:
     from vhs.eval.tables import as_markdown, write_comparison
 
     comparison = compare(options.runs, rate=options.rate, reference=options.reference)
-    print(as_markdown(comparison))
-    write_comparison(comparison, options.out)
+    try:
+        write_comparison(comparison, options.out)
+    finally:
+        print(as_markdown(comparison))
     return 0
 
 
 def _share(text: str) -> float:
-    number = float(text)
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
     if not 0 < number <= 1:
         raise argparse.ArgumentTypeError(f"expected a share above 0 and up to 1, found {text}")
     return number
@@ -295,7 +301,7 @@ def _bench(options: argparse.Namespace) -> int:
     from vhs.train.bench import bench
 
     config = load_config(options.config, options.set)
-    print(f"measuring for {3 * options.seconds} seconds", file=sys.stderr)
+    print(f"measuring for {3 * options.seconds} seconds or a little more", file=sys.stderr)
     speed = bench(config, options.seconds)
     if options.json:
         print(json.dumps(asdict(speed)))
@@ -303,24 +309,25 @@ def _bench(options: argparse.Namespace) -> int:
     print(f"{speed.task}, {speed.method}; {speed.cores} cores, {speed.threads} thread(s), {speed.precision}")
     print(f"rooms alone  {speed.rooms_steps_per_s:7.0f} steps/s")
     print(f"training     {speed.steps_per_s:7.0f} steps/s, {speed.episodes_per_s:.0f} episodes/s")
-    print(
-        f"{config.train.episodes} episodes take at most {speed.minutes_at_most:.0f} minutes: "
-        "they get shorter as the agent learns"
-    )
+    print(f"{config.train.episodes} episodes take about {speed.minutes:.0f} minutes, if they stay as long")
     return 0
 
 
 def _positive(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"expected at least 1, found {text}")
-    return number
+    return _whole(text, 1)
 
 
 def _seed(text: str) -> int:
-    number = int(text)
-    if number < 0:
-        raise argparse.ArgumentTypeError(f"expected at least 0, found {text}")
+    return _whole(text, 0)
+
+
+def _whole(text: str, least: int) -> int:
+    try:
+        number = int(text)
+    except ValueError:
+        number = least - 1
+    if number < least:
+        raise argparse.ArgumentTypeError(f"expected a whole number of at least {least}, found {text}")
     return number
 
 

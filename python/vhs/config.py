@@ -41,11 +41,11 @@ class EnvSection(_Section):
     which alone has such workers, and 0 elsewhere."""
     min_ready: PositiveInt | None = None
     """Rooms that must have answered before the next inference; null waits for all (lock-step), and then the
-    result does not depend on the number of workers."""
+    result does not depend on the number of workers. Without workers all have always answered."""
     renderer: str = "raster"
     """What draws the camera image, as `vhs.envs` names it."""
     room: dict[str, Any] = Field(default_factory=dict)
-    """Overrides of `vhs.envs.RoomConfig`, for example ``{turn_deg: 30}``."""
+    """Overrides of `vhs.envs.RoomConfig`, for example ``{stride_m: 0.3}``."""
 
 
 class ModelSection(_Section):
@@ -80,14 +80,14 @@ class MethodSection(_Section):
     supcon_temperature: PositiveFloat = 0.07
     """Temperature tau_s (paper: 0.07)."""
     warmup: PositiveInt = 100
-    """Goal images in the store before SupCon and the prototypes start (paper: 150; until then no goal can
-    be told from another)."""
+    """Goal images in the store before the loss on them starts (paper: 150), and with it running prototypes:
+    until then no goal can be told from another. An exact one starts with the first image of its class."""
     goal_capacity: PositiveInt = 500
     """Goal images kept a class, the oldest leave first (the paper gives no bound)."""
     prototype: Literal["running", "exact"] = "running"
     """`running` reuses the features of the SupCon batch; `exact` embeds `prototype_samples` images a class
     (paper)."""
-    prototype_momentum: Probability = 0.9
+    prototype_momentum: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.9
     """Share of the old prototype that a running update keeps."""
     prototype_samples: PositiveInt = 64
     """Images a class behind an exact prototype (paper: 64)."""
@@ -124,7 +124,7 @@ class MethodSection(_Section):
 
     @model_validator(mode="after")
     def _parts_fit_together(self) -> MethodSection:
-        check_parts(self.name, self.embedding, self.relabel_probability)
+        check_parts(self.name, self.embedding, self.relabel_probability, self.relabel_on, self.vhs_weight)
         return self
 
 
@@ -142,7 +142,8 @@ class TrainSection(_Section):
     """Adam with AMSGrad, at the start (paper: 1e-4 for one episode an update; at 1e-3 trained policies
     collapse); the method's own unless given."""
     learning_rate_end: PositiveFloat | None = 2e-5
-    """Learning rate from `schedule_episodes` on, reached linearly; null keeps `learning_rate` (paper)."""
+    """Learning rate from `schedule_episodes` on, reached linearly; null keeps `learning_rate` (paper). Unless
+    given, it is at most `learning_rate`."""
     schedule_episodes: PositiveInt = 30_000
     """Episodes over which learning rate and entropy weight move to their ends."""
     gamma: Probability = 0.95
@@ -158,8 +159,8 @@ class TrainSection(_Section):
     entropy_weight: NonNegativeFloat = 0.03
     """Entropy coefficient at the start (paper: 0.01; then one of the two turns dies out early)."""
     entropy_weight_end: NonNegativeFloat | None = 0.004
-    """Entropy coefficient from `schedule_episodes` on, reached linearly; null keeps `entropy_weight`
-    (paper)."""
+    """Entropy coefficient from `schedule_episodes` on, reached linearly; null keeps `entropy_weight` (paper).
+    Unless given, it is at most `entropy_weight`."""
     max_grad_norm: PositiveFloat = 10.0
     """Gradient clip (paper: 10)."""
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
@@ -173,6 +174,17 @@ class TrainSection(_Section):
     checkpoint_every_s: PositiveFloat = 300.0
     """Seconds between two checkpoints."""
     keep_checkpoints: PositiveInt = 2
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_rise_unasked(cls, given: Any) -> Any:
+        """Who starts below the end that is the default, as with no entropy bonus at all, stays there."""
+        if isinstance(given, dict):
+            for name in ("learning_rate", "entropy_weight"):
+                end = f"{name}_end"
+                if end not in given and _is_below(given.get(name), cls.model_fields[end].default):
+                    given = given | {end: given[name]}
+        return given
 
 
 class Config(_Section):
@@ -228,6 +240,14 @@ class Config(_Section):
         return self
 
 
+def _is_below(value: Any, limit: float) -> bool:
+    """Whether a value that is not checked yet is a number below the limit."""
+    try:
+        return float(value) < limit
+    except (TypeError, ValueError):
+        return False
+
+
 def load_config(paths: Sequence[Path | str] = (), overrides: Iterable[str] = ()) -> Config:
     """Resolve a configuration: defaults, then each file in order, then each ``key=value``.
 
@@ -270,7 +290,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         ConfigError: it cannot be read, or holds something else.
     """
     try:
-        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+        tree = _parse_yaml(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -292,10 +312,30 @@ def parse_assignment(assignment: str) -> tuple[str, Any]:
     if not equals or not key.strip():
         raise ConfigError(f"--set: expected key=value, found {assignment!r}")
     try:
-        value = yaml.safe_load(text)
+        value = _parse_yaml(text)
     except yaml.YAMLError as error:
         raise ConfigError(f"--set {key}: expected a YAML value, found {text!r}") from error
     return key.strip(), value
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML in which a mapping has a key once, as the standard says; PyYAML lets the last one win."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        """The mapping of a node; an error at the second of two equal keys."""
+        seen = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode):
+                if (key.tag, key.value) in seen:
+                    raise yaml.constructor.ConstructorError(
+                        None, None, f"a second `{key.value}`", key.start_mark
+                    )
+                seen.add((key.tag, key.value))
+        return super().construct_mapping(node, deep)
+
+
+def _parse_yaml(text: str) -> Any:
+    return yaml.load(text, Loader=_Loader)
 
 
 def nest(key: str, value: Any) -> dict[str, Any]:

@@ -25,6 +25,9 @@ def write_texts(directory: Path, texts: Mapping[str, str]) -> None:
     partial = {name: directory / f".{name}.{os.getpid()}.partial" for name in texts}
     try:
         directory.mkdir(parents=True, exist_ok=True)
+        for name in texts:
+            if (directory / name).is_dir():
+                raise OutputError(f"{directory / name}: cannot write: expected a file, found a directory")
         for name, text in texts.items():
             partial[name].write_text(text, encoding="utf-8")
         for name, path in partial.items():

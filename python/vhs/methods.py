@@ -6,6 +6,7 @@ network, a small class in `vhs.algorithms` or `vhs.models`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 MethodName = Literal["a3c", "gdan", "gcsl", "pg", "vhs"]
@@ -40,7 +41,9 @@ METHODS: dict[str, Parts] = {
 }
 
 
-def check_parts(name: str, embedding: str, relabel_probability: float) -> None:
+def check_parts(
+    name: str, embedding: str, relabel_probability: float, relabel_on: Sequence[str], vhs_weight: float
+) -> None:
     """Check that what the configuration says of a method's parts makes sense.
 
     Raises:
@@ -56,8 +59,12 @@ def check_parts(name: str, embedding: str, relabel_probability: float) -> None:
             "method.relabel_probability: expected 0 with method.embedding = word, which has no word for what "
             f"was reached by mistake, found {relabel_probability}"
         )
-    if not parts.rl and relabel_probability == 0:
-        raise ValueError(
-            f"method.relabel_probability: expected above 0 for method.name = {name}, which learns from "
-            f"relabelled episodes alone, found {relabel_probability}"
-        )
+    if parts.rl:
+        return
+    alone = f"for method.name = {name}, which learns from relabelled episodes alone"
+    if relabel_probability == 0:
+        raise ValueError(f"method.relabel_probability: expected above 0 {alone}, found {relabel_probability}")
+    if not relabel_on:
+        raise ValueError(f"method.relabel_on: expected an outcome {alone}, found none")
+    if vhs_weight == 0:
+        raise ValueError(f"method.vhs_weight: expected above 0 {alone}, found {vhs_weight}")

@@ -196,9 +196,10 @@ def test_prototypes_are_noise_until_the_store_is_warm_and_then_the_mean_of_featu
 
 def test_exact_prototypes_embed_stored_images_of_their_class_alone() -> None:
     vhs = make_vhs("method.prototype=exact")
+    assert not torch.equal(vhs.embed_goal(2), vhs.embed_goal(2)), "noise while the class is empty"
     image = np.full((2, *FRAME), 90, dtype=np.uint8)
-    for _ in range(8):
-        vhs.goal_store.push(image, 2)
+    vhs.goal_store.push(image, 2)
+    assert not vhs.is_warm
     vhs.agent.eval()
     with torch.inference_mode():
         expected = vhs.agent.extractor(torch.from_numpy(image).unsqueeze(0))[0]

@@ -66,6 +66,20 @@ def test_impossible_numbers_are_refused(change: dict[str, float], message: str) 
         dataclasses.replace(RoomConfig(), **change)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [
+        ("stride_m", "1e-1", "a number, found '1e-1'"),
+        ("stride_m", None, "a number, found None"),
+        ("reach_m", True, "a number, found True"),
+        ("horizon_steps", True, "an int, found True"),
+    ],
+)
+def test_what_is_no_number_is_refused_by_name(name: str, value: object, expected: str) -> None:
+    with pytest.raises(TypeError, match=f"^{name}: expected {expected}$"):
+        RoomConfig(**{name: value})  # type: ignore[arg-type]
+
+
 def test_counts_must_be_integers() -> None:
     with pytest.raises(TypeError, match=r"horizon_steps: expected an int, found 20\.5"):
         RoomConfig(horizon_steps=20.5)  # type: ignore[arg-type]

@@ -207,7 +207,9 @@ def test_an_output_that_cannot_be_written_is_a_clear_error(
     run = make_run(tmp_path / "a")
     (tmp_path / "file").write_text("kept")
     assert main(["compare", str(run), "--out", str(tmp_path / "file")]) == 1
-    assert f"{tmp_path / 'file'}: cannot write: File exists" in capsys.readouterr().err
+    told = capsys.readouterr()
+    assert f"{tmp_path / 'file'}: cannot write: File exists" in told.err
+    assert told.out.startswith("# task2")
     assert (tmp_path / "file").read_text() == "kept"
 
 
@@ -228,6 +230,20 @@ def test_files_that_cannot_all_be_written_leave_the_old_ones(
     assert main(["compare", str(run), "--rate", "0.1", "--out", str(out)]) == 1
     assert "No space left on device" in capsys.readouterr().err
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_the_files_are_written_when_nobody_reads_the_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Unread(io.StringIO):
+        def write(self, text: str) -> int:
+            raise BrokenPipeError(32, "Broken pipe")
+
+    run, out = make_run(tmp_path / "a"), tmp_path / "out"
+    monkeypatch.setattr("sys.stdout", Unread())
+    with pytest.raises(BrokenPipeError):
+        main(["compare", str(run), "--out", str(out)])
+    assert len(list(out.iterdir())) == 3
 
 
 @pytest.mark.parametrize("rate", ["0", "74.3", "-1"])

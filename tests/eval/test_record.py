@@ -10,6 +10,7 @@ from eval_support import evaluation
 from vhs.cli import main
 from vhs.errors import CheckpointError, OutputError
 from vhs.eval import Evaluation, read_evaluations, record_evaluation
+from vhs.files import write_texts
 
 
 def test_a_run_without_evaluations_has_none(tmp_path: Path) -> None:
@@ -33,6 +34,15 @@ def test_another_way_of_evaluating_is_another_entry(change: dict[str, Any], tmp_
     assert evaluation() in recorded
     assert evaluation(**change) in recorded
     assert [path.name for path in tmp_path.iterdir()] == ["eval.json"]
+
+
+def test_a_target_that_is_a_directory_is_refused_before_any_file_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "a").write_text("old")
+    (tmp_path / "b").mkdir()
+    with pytest.raises(OutputError, match="b: cannot write: expected a file, found a directory"):
+        write_texts(tmp_path, {"a": "new", "b": "new"})
+    assert (tmp_path / "a").read_text() == "old"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b"]
 
 
 @pytest.mark.parametrize(

@@ -89,6 +89,17 @@ def test_without_display_and_out_there_is_a_sentence(
         assert "--out FILE.gif" in told
 
 
+def test_a_person_drives_the_room_of_a_run_from_another_machine(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("tkinter")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    text = (run / "config.yaml").read_text()
+    (tmp_path / "config.yaml").write_text(text.replace("device: auto", "device: cuda:99"))
+    assert main(["play", str(tmp_path), "--human"]) == 1
+    assert "display" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

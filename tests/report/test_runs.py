@@ -28,6 +28,19 @@ def test_links_are_followed_and_a_run_counts_once(tmp_path: Path) -> None:
     assert [run.name for run in find_runs(runs)] == ["again", "there/long"]
 
 
+def test_a_group_has_each_seed_once_and_runs_of_one_length() -> None:
+    def run(name: str, *assignments: str) -> Run:
+        return Run(Path(), name, load_config([], assignments), (), {}, ())
+
+    runs = [run("a"), run("a-copy", "env.num_workers=0"), run("b", "seed=1"), run("long", "train.episodes=9")]
+    groups = group_runs(runs)
+    assert [(group.label, [run.name for run in group.runs]) for group in groups] == [
+        ("VHS (a)", ["a", "b"]),
+        ("VHS (a-copy)", ["a-copy"]),
+        ("VHS, episodes=9", ["long"]),
+    ]
+
+
 def test_a_variant_is_called_so_on_a_task_where_it_is_alone() -> None:
     def run(*assignments: str) -> Run:
         return Run(Path(), " ".join(assignments), load_config([], assignments), (), {}, ())

@@ -120,6 +120,34 @@ def test_a_run_is_named_by_what_its_grid_changes_and_not_by_the_defaults_of_its_
     ]
 
 
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        (
+            "set: {train.learners: 3}\ngrids: [{grid: {train.episodes_per_update: [3, 6]}}]",
+            ["task2-vhs-episodes_per_update=3-seed0", "task2-vhs-episodes_per_update=6-seed0"],
+        ),
+        (
+            "set: {method.embedding: word}\ngrids: [{grid: {method.name: [pg]}}]",
+            ["task2-pg-seed0"],
+        ),
+        (
+            "set: {method.warmup: 600}\ngrids: [{grid: {method.goal_capacity: [1000, 2000]}}]",
+            ["task2-vhs-goal_capacity=1000-seed0", "task2-vhs-goal_capacity=2000-seed0"],
+        ),
+        (
+            "set: {train.learners: 3, train.gamma: 0.9}\ngrids: [{grid: {train.episodes_per_update: [3]}},"
+            " {grid: {train.episodes_per_update: [3], train.gamma: [0.9]}}]",
+            ["task2-vhs-episodes_per_update=3-seed0"],
+        ),
+    ],
+)
+def test_keys_that_make_a_configuration_with_a_grid_alone_are_taken(
+    text: str, names: list[str], tmp_path: Path
+) -> None:
+    assert [run.name for run in plan(tmp_path, text)] == names
+
+
 @pytest.mark.parametrize(("cores", "workers"), [(1, 0), (2, 1), (3, 2), (4, 2), (5, 4), (9, 4)])
 def test_a_run_has_no_more_processes_than_cores(cores: int, workers: int, tmp_path: Path) -> None:
     (run,) = plan(tmp_path, "base: [base.yaml]\ngrids: [{}]", cores)
@@ -148,6 +176,7 @@ def test_a_run_has_no_more_processes_than_cores(cores: int, workers: int, tmp_pa
         ("base: [none.yaml]\ngrids: [{}]", r"none\.yaml: cannot read the configuration"),
         ("[]", "expected a mapping"),
         ("grids: [", "expected YAML"),
+        ("seeds: [0]\ngrids: [{}]\nseeds: [1]", "expected YAML, found a second `seeds`"),
     ],
 )
 def test_a_wrong_sweep_file_is_explained(text: str, message: str, tmp_path: Path) -> None:

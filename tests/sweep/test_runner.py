@@ -15,6 +15,7 @@ import pytest
 
 from vhs.cli import main
 from vhs.errors import CheckpointError, ConfigError, OutputError
+from vhs.sweep.display import SweepDisplay
 from vhs.sweep.lock import hold
 from vhs.sweep.runner import share_cores, sweep
 
@@ -150,6 +151,49 @@ def test_a_failed_run_is_told_and_the_others_go_on(
     assert failed.endswith(f"{name}: failed: vhs: the roof fell in (see {log})")
     assert len(journal.of("eval")) == 3
     assert not any("compare them" in line for line in lines)
+
+
+def test_a_killed_run_is_told_by_its_signal(
+    tmp_path: Path, journal: Journal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("STAND_IN_DIES", "relabel_probability=0.4-seed0")
+    status, lines = run_sweep(tmp_path)
+    assert status == 1
+    (failed,) = [line for line in lines if "failed" in line]
+    assert "task2-vhs-relabel_probability=0.4-seed0: failed: killed by signal 9 (Killed) (see " in failed
+    assert len(journal.of("eval")) == 3
+
+
+def test_a_run_that_cannot_be_started_is_told_and_the_others_go_on(tmp_path: Path, journal: Journal) -> None:
+    (tmp_path / "out" / "logs" / "task2-vhs-seed0.txt").mkdir(parents=True)
+    status, lines = run_sweep(tmp_path, jobs=1)
+    assert status == 1
+    assert any("task2-vhs-seed0: failed: cannot start: Is a directory (see " in line for line in lines)
+    assert len(journal.of("eval")) == 3
+
+
+def test_a_sweep_goes_on_when_nobody_reads_its_output(tmp_path: Path, journal: Journal) -> None:
+    class Unread(StringIO):
+        def write(self, text: str) -> int:
+            raise BrokenPipeError(32, "Broken pipe")
+
+    assert sweep(tmp_path / "sweep.yaml", tmp_path / "out", stream=Unread()) == 0
+    assert len(journal.of("eval")) == 4
+
+
+def test_a_sweep_that_fails_itself_lets_its_runs_save(
+    tmp_path: Path, journal: Journal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(display: SweepDisplay, *_: Any) -> None:
+        journal.wait_for("train")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setenv("STAND_IN_S", "60")
+    monkeypatch.setattr("vhs.sweep.runner._DISPLAY_S", 0.0)
+    monkeypatch.setattr(SweepDisplay, "advance", fail)
+    with pytest.raises(OSError, match="No space left"):
+        run_sweep(tmp_path, jobs=1)
+    assert [entry["event"] for entry in journal.entries] == ["train", "stopped", "end"]
 
 
 def test_a_damaged_evaluation_fails_its_run_alone(tmp_path: Path, journal: Journal) -> None:

@@ -6,8 +6,13 @@ from pathlib import Path
 import pytest
 
 from vhs.cli import main
+from vhs.config import load_config
+from vhs.errors import OutputError
+from vhs.train import bench
+from vhs.train.loop import Session
 
-QUICK = ["--config", "configs/debug.yaml", "--set", "env.num_workers=0", "--seconds", "1"]
+DEBUG = Path(__file__).parents[2] / "configs" / "debug.yaml"
+QUICK = ["--config", str(DEBUG), "--set", "env.num_workers=0", "--seconds", "1"]
 
 
 def test_rooms_and_training_are_measured(
@@ -16,10 +21,22 @@ def test_rooms_and_training_are_measured(
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert main(["bench", *QUICK, "--json"]) == 0
     speed = json.loads(capsys.readouterr().out)
-    assert 0 < speed["steps_per_s"] < speed["rooms_steps_per_s"]
+    assert speed["rooms_steps_per_s"] > 0
+    assert speed["minutes"] == pytest.approx(240 / speed["episodes_per_s"] / 60)
     # An episode of the rooms takes one to twenty steps.
     assert 1 <= speed["steps_per_s"] / speed["episodes_per_s"] <= 20
     assert list(tmp_path.glob("vhs-bench-*")) == []
+
+
+def test_training_is_measured_from_the_first_goal_image_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    had: list[bool] = []
+    monkeypatch.setattr(Session, "has_every_loss", property(lambda session: len(had) > 7))
+    monkeypatch.setattr(Session, "advance", lambda session, log: had.append(True))
+    config = load_config([DEBUG], ["env.num_workers=0"])
+    monkeypatch.setattr(bench, "_advance", lambda session, log, seconds: float(len(had)))
+    with pytest.raises(OutputError, match="expected episodes to be learned from"):
+        bench._training(config, 1.0)
+    assert len(had) == 8
 
 
 def test_a_configuration_is_that_of_a_training(capsys: pytest.CaptureFixture[str]) -> None:

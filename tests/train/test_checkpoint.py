@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from vhs import GoalStore
-from vhs.errors import CheckpointError
+from vhs.errors import CheckpointError, OutputError
 from vhs.train.checkpoint import has_checkpoint, load_checkpoint, save_checkpoint
 
 WRITER = """
@@ -48,6 +48,42 @@ def test_the_newest_is_loaded_and_the_oldest_leave(tmp_path: Path) -> None:
         "episode-000000002",
         "episode-000000010",
     ]
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (PermissionError(13, "Permission denied"), "cannot be read: Permission denied"),
+        (OSError(24, "Too many open files"), "cannot be read: Too many open files"),
+        (MemoryError(), "cannot be read: not enough memory"),
+    ],
+)
+def test_a_checkpoint_that_cannot_be_read_is_not_called_damaged(
+    error: Exception, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    for episode in (1, 2):
+        save_checkpoint(tmp_path, episode, {"value": 1}, store_with(1), keep=2)
+    monkeypatch.setattr(torch, "load", fail)
+    with pytest.raises(CheckpointError, match=f"episode-000000002: {message}$"):
+        load_checkpoint(tmp_path)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the limit is one of Unix")
+def test_a_full_disk_is_said_and_the_checkpoint_before_stays(tmp_path: Path) -> None:
+    import resource
+
+    save_checkpoint(tmp_path, 1, {"value": 1}, store_with(1), keep=1)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, hard))
+    try:
+        with pytest.raises(OutputError, match=f"^{tmp_path}: cannot write the run: File too large$"):
+            save_checkpoint(tmp_path, 2, {"value": torch.zeros(100_000)}, store_with(1), keep=1)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert load_checkpoint(tmp_path)[0] == {"value": 1}
 
 
 def test_no_checkpoint_is_an_error_that_names_the_place(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from vhs import Outcome
-from vhs.errors import CheckpointError
+from vhs.errors import CheckpointError, OutputError
 from vhs.train.log import RunLog, Window, read_log
 from vhs.train.rollout import EndedEpisode
 
@@ -61,6 +61,12 @@ def test_a_damaged_line_is_named(line: bytes, tmp_path: Path) -> None:
     path.write_bytes(b"\n".join([lines[0], line, lines[1]]) + b"\n")
     with pytest.raises(CheckpointError, match=r"log\.jsonl:2: damaged line: expected a JSON object"):
         read_log(tmp_path)
+
+
+def test_a_log_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+    (tmp_path / "log.jsonl").mkdir()
+    with pytest.raises((OutputError, CheckpointError), match=f"^{tmp_path}: cannot write the run: "):
+        write(tmp_path, 0, row(10))
 
 
 def test_numbers_that_json_cannot_hold_become_null(tmp_path: Path) -> None:

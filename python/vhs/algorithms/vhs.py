@@ -83,21 +83,22 @@ class VHS:
     def embed_goal(self, label: int) -> Tensor:
         """The goal embedding of a class for one episode: its word, or p^x (paper Eq. 4).
 
-        While there is no prototype, it is N(0, 1).
+        While there is no prototype, it is N(0, 1): an exact one needs a stored image of its class, a running
+        one a SupCon batch.
 
         Returns:
             float32, a constant, shape [feature_dim].
         """
         if self.agent.words is not None:
             return self.agent.words.weight[label].detach().clone()
-        if self._method.prototype == "exact" and self.is_warm:
+        if self._method.prototype == "exact":
             self._refresh_exactly(label)
         embedding = self.prototypes.embed(np.array([label], dtype=np.int64))[0]
         return self._tensor(embedding)
 
     @property
     def is_warm(self) -> bool:
-        """Whether the store holds enough images for SupCon and prototypes."""
+        """Whether the store holds enough images for the loss on them, and so for running prototypes."""
         return len(self.goal_store) >= self._method.warmup
 
     def update(self, shares: Sequence[tuple[EpisodeBatch, Tensor]]) -> dict[str, float]:

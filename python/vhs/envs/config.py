@@ -120,16 +120,18 @@ class RoomConfig:
         self.physics_steps_per_action  # noqa: B018  raises when the two time steps do not fit
 
     def _check_signs(self) -> None:
-        """Everything but the rewards is a positive, finite number; rewards are finite."""
+        """Everything but the rewards is a positive, finite number; rewards are finite; counts are whole."""
         for field in fields(self):
             value = getattr(self, field.name)
+            expected = "an int" if field.type == "int" else "a number"
+            if isinstance(value, bool) or not isinstance(
+                value, int if expected == "an int" else (int, float)
+            ):
+                raise TypeError(f"{field.name}: expected {expected}, found {value!r}")
             if not math.isfinite(value):
                 raise ValueError(f"{field.name}: expected a finite number, found {value}")
             if not field.name.startswith("reward_") and value <= 0:
                 raise ValueError(f"{field.name}: expected a positive number, found {value}")
-        for name in ("horizon_steps", "image_px"):
-            if not isinstance(getattr(self, name), int):
-                raise TypeError(f"{name}: expected an int, found {getattr(self, name)!r}")
 
     def _check_geometry(self) -> None:
         """Turns close the circle, angles fit a camera, and the start leaves the robot room to stand."""

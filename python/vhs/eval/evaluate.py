@@ -88,7 +88,7 @@ def evaluate(run: Path, *, episodes: int = 300, seed: int = 0, greedy: bool = Fa
 def success_weighted_by_path_length(
     success: NDArray[np.bool_], optimal: NDArray[np.float64], taken: NDArray[np.float64]
 ) -> float:
-    """SPL: the mean of success times optimal / max(taken, optimal), each of shape [episodes]."""
+    """SPL: the mean of success times optimal / max(taken, optimal), each of shape [episodes]; 0 of none."""
     return float((success * optimal / np.maximum(taken, optimal)).mean()) if len(success) else 0.0
 
 

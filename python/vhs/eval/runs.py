@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vhs.config import Config
 from vhs.errors import CheckpointError, ComparisonError
 from vhs.eval.record import EVALUATIONS_NAME, read_evaluations
-from vhs.train.directory import CONFIG_NAME, MAY_CHANGE, META_NAME, read_config
+from vhs.train.directory import CONFIG_NAME, MAY_CHANGE, META_NAME, read_config, read_meta
 from vhs.train.log import LOG_NAME, read_log
 from vhs.variants import flat_config, label
 
@@ -115,7 +115,7 @@ def group_runs(runs: Sequence[Run]) -> list[Group]:
     groups: dict[str, list[Run]] = {}
     variants: dict[str, dict[str, Any]] = {}
     for run in runs:
-        variant = {key: value for key, value in flat_config(run.config).items() if key not in IGNORED}
+        variant = settings(run.config)
         identity = json.dumps(variant, sort_keys=True)
         variants[identity] = variant
         groups.setdefault(identity, []).append(run)
@@ -123,6 +123,11 @@ def group_runs(runs: Sequence[Run]) -> list[Group]:
         Group(label(variants[identity], list(variants.values())), _by_seed(members))
         for identity, members in groups.items()
     ]
+
+
+def settings(config: Config) -> dict[str, Any]:
+    """Every setting that tells groups of runs apart, by dotted key."""
+    return {key: value for key, value in flat_config(config).items() if key not in IGNORED}
 
 
 def _by_seed(runs: Sequence[Run]) -> list[Run]:
@@ -168,11 +173,4 @@ def _read_curve(run: Path) -> tuple[NDArray[np.int64], NDArray[np.float64], NDAr
 
 
 def _read_made_by(run: Path) -> dict[str, Any]:
-    path = run / META_NAME
-    try:
-        made_by = json.loads(path.read_bytes())
-    except FileNotFoundError:
-        return {}
-    except (OSError, ValueError) as error:
-        raise CheckpointError(f"{path}: expected JSON, found {error}") from error
-    return made_by if isinstance(made_by, dict) else {}
+    return read_meta(run) if (run / META_NAME).exists() else {}

@@ -13,7 +13,7 @@ from vhs.play.episode import Moment, run_episode
 from vhs.play.film import check_film_path, write_film
 from vhs.play.picture import draw
 from vhs.play.room import make_room
-from vhs.train.build import check_runnable
+from vhs.train.build import check_runnable, to_act_here
 from vhs.train.directory import read_config
 from vhs.train.rollout import episode_seeds
 from vhs.train.trained import TrainedAgent, load_agent
@@ -86,7 +86,7 @@ def _show(run: Path, moments: Iterator[Moment]) -> str:
 
 
 def _drive(run: Path, seeds: Iterator[int]) -> str:
-    config = read_config(run)
+    config = to_act_here(read_config(run))
     check_runnable(config)
     room = make_room(config, is_drawn=True)
     count = room.task.interactions

@@ -40,7 +40,7 @@ class StoredGoals:
     has_prototype: NDArray[np.bool_]
     """Shape [classes]."""
     warmup: int
-    """Images that the store must hold before prototypes start."""
+    """Images that the store must hold before running prototypes start."""
 
 
 def look_at_goals(agent: TrainedAgent) -> StoredGoals | None:
@@ -56,7 +56,7 @@ def look_at_goals(agent: TrainedAgent) -> StoredGoals | None:
     observations = np.concatenate([images for _, images in found])
     prototypes = learner.prototypes
     table, seen = prototypes.table, prototypes.seen
-    if agent.config.method.prototype == "exact" and learner.is_warm:
+    if agent.config.method.prototype == "exact":
         # Made on demand while training: make them once for the page.
         for label, _ in found:
             table[label] = learner.embed_goal(label).cpu().numpy()

@@ -12,10 +12,11 @@ from typing import Any
 
 from vhs.config import Config
 from vhs.errors import CheckpointError
+from vhs.eval.runs import settings
 from vhs.train.checkpoint import has_checkpoint
-from vhs.train.directory import CONFIG_NAME, MAY_CHANGE, META_NAME, read_config
+from vhs.train.directory import CONFIG_NAME, META_NAME, read_config, read_meta
 from vhs.train.log import LOG_NAME
-from vhs.variants import flat_config, label
+from vhs.variants import label
 
 Row = dict[str, Any]
 
@@ -105,11 +106,17 @@ def _runs_below(path: Path) -> Iterator[Path]:
 
 
 def group_runs(runs: Sequence[Run]) -> list[Group]:
-    """Put runs of one configuration together, whatever their seed; in order of task and label."""
-    by_key: dict[str, list[Run]] = {}
+    """Put runs of one configuration together, each of another seed; in order of task and label.
+
+    The same seed again, as in a copy, is no other seed: it stands in a further group.
+    """
+    by_key: dict[tuple[str, int], list[Run]] = {}
+    met: Counter[tuple[str, int]] = Counter()
     for run in runs:
-        key = run.name if run.config is None else json.dumps(_settings(run.config), sort_keys=True)
-        by_key.setdefault(key, []).append(run)
+        key = run.name if run.config is None else json.dumps(settings(run.config), sort_keys=True)
+        seed = (key, 0 if run.config is None else run.config.seed)
+        by_key.setdefault((key, met[seed]), []).append(run)
+        met[seed] += 1
     groups = [Group(_label(members, runs), _task(members[0]), tuple(members)) for members in by_key.values()]
     repeated = Counter((group.task, group.label) for group in groups)
     named = [
@@ -129,14 +136,9 @@ def _label(members: Sequence[Run], runs: Sequence[Run]) -> str:
     config = members[0].config
     if config is None:
         return members[0].name
-    peers = [_settings(run.config) | {"task": config.task} for run in runs if run.config]
-    method, *changed = label(_settings(config), peers).split()
+    peers = [settings(run.config) | {"task": config.task} for run in runs if run.config]
+    method, *changed = label(settings(config), peers).split()
     return ", ".join([method.upper(), *changed])
-
-
-def _settings(config: Config) -> dict[str, Any]:
-    """Every setting that tells two runs apart, seed and bookkeeping left out, by dotted key."""
-    return {k: value for k, value in flat_config(config).items() if k != "seed" and k not in MAY_CHANGE}
 
 
 def _is_run(path: Path) -> bool:
@@ -147,7 +149,7 @@ def _read(path: Path, name: str) -> Run:
     notes: list[str] = []
     config = _config(path, notes)
     rows = _rows(path / LOG_NAME, notes)
-    meta = _meta(path / META_NAME, notes)
+    meta = _meta(path, notes)
     if config is not None and not has_checkpoint(path):
         notes.append("no checkpoint: no goal store, prototypes or episodes to show")
     return Run(path, name, config, rows, meta, tuple(notes))
@@ -184,8 +186,7 @@ def _rows(path: Path, notes: list[str]) -> tuple[Row, ...]:
 
 def _meta(path: Path, notes: list[str]) -> Row:
     try:
-        meta = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return read_meta(path)
+    except CheckpointError:
         notes.append(f"no readable {META_NAME}: what made the run is not known")
         return {}
-    return meta if isinstance(meta, dict) else {}

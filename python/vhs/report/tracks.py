@@ -15,6 +15,7 @@ from vhs.envs import OBJECT_NAMES, RoomConfig, RoomEnv, plan
 from vhs.envs.config import FIRST_INTERACTION, MOVE_FORWARD, TURN_LEFT
 from vhs.envs.kinematics import Footprint, strided, turned
 from vhs.envs.oracle import NoPlanError
+from vhs.eval.evaluate import success_weighted_by_path_length
 from vhs.play.episode import Moment, run_episode
 from vhs.play.room import make_room
 from vhs.train.rollout import episode_seeds
@@ -77,15 +78,11 @@ def confusion(tracks: Sequence[Track]) -> NDArray[np.int64]:
 
 def success_and_spl(tracks: Sequence[Track]) -> tuple[float, float]:
     """Success rate, and success weighted by optimal / taken steps over the episodes that can be solved."""
-    success = np.mean([track.outcome is Outcome.SUCCESS for track in tracks])
-    weights = [
-        track.optimal_steps / max(track.steps, track.optimal_steps)
-        if track.outcome is Outcome.SUCCESS
-        else 0.0
-        for track in tracks
-        if track.optimal_steps is not None
-    ]
-    return float(success), float(np.mean(weights)) if weights else float("nan")
+    success = np.array([track.outcome is Outcome.SUCCESS for track in tracks])
+    optimal = np.array([math.inf if t.optimal_steps is None else float(t.optimal_steps) for t in tracks])
+    taken = np.array([track.steps for track in tracks], dtype=np.float64)
+    can = np.isfinite(optimal)
+    return float(success.mean()), success_weighted_by_path_length(success[can], optimal[can], taken[can])
 
 
 def wilson_interval(share: float, count: int) -> tuple[float, float]:

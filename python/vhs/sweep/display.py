@@ -22,6 +22,7 @@ class SweepDisplay:
         self._total = total
         self._ended = 0
         self._console = Console(file=stream or sys.stdout)
+        self._is_unread = False
         self._tasks: dict[str, TaskID] = {}
         self._bars: Progress | None = None
         if self._console.is_terminal:
@@ -57,11 +58,14 @@ class SweepDisplay:
         self.say(f"[{self._ended:>{len(str(self._total))}}/{self._total}] {run.name}: {text}")
 
     def say(self, text: str) -> None:
-        """A line."""
+        """A line; nobody reading (``vhs sweep FILE | head``) is no error: the runs go on."""
         if self._console.is_terminal:
             self._console.print(text, highlight=False, markup=False, soft_wrap=True)
-        else:
-            print(text, file=self._console.file, flush=True)
+        elif not self._is_unread:
+            try:
+                print(text, file=self._console.file, flush=True)
+            except BrokenPipeError:
+                self._is_unread = True
 
     def __enter__(self) -> SweepDisplay:
         """The display itself."""

@@ -123,28 +123,30 @@ def plan_runs(path: Path, sweep: Sweep, cores_per_run: int) -> list[PlannedRun]:
     """
     bases = [Path(os.path.normpath(path.parent / base)) for base in sweep.base]
     trees = [read_yaml(base) for base in bases]
-    plain = _resolve(trees, sweep.set, str(path))
     runs: dict[str, PlannedRun] = {}
-    for where, keys in _combinations(sweep):
+    for where, own, seed in _combinations(sweep):
+        keys = sweep.set | own | {"seed": seed}
         config = _resolve(trees, keys | {"env.num_workers": 0}, f"{path}: {where}")
         keys |= {"env.num_workers": _workers(config.env.num_envs, cores_per_run), "train.threads": 1}
         config = _resolve(trees, keys, f"{path}: {where}")
-        name = _name(_plain_method(trees, sweep.set, config.method.name) or plain, config)
+        if any(run.config == config for run in runs.values()):
+            continue
+        name = _name(_plain_method(trees, sweep.set, config.method.name), config, own)
         run = PlannedRun(name, config, _arguments(bases, keys))
-        if runs.setdefault(run.name, run).config != config:
+        if runs.setdefault(run.name, run) is not run:
             raise ConfigError(f"{path}: {where}: another run is called {run.name} too")
     return list(runs.values())
 
 
-def _combinations(sweep: Sweep) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Where it stands in the file, and the keys, for every run."""
+def _combinations(sweep: Sweep) -> Iterator[tuple[str, dict[str, Any], int]]:
+    """Where it stands in the file, the keys of its grid, and the seed, for every run."""
     most = max(len(section.seeds or sweep.seeds) for section in sweep.grids)
     for position in range(most):
         for number, section in enumerate(sweep.grids):
             seeds = section.seeds or sweep.seeds
             for values in itertools.product(*section.grid.values()) if position < len(seeds) else ():
                 combination = dict(zip(section.grid, values, strict=True))
-                yield f"grids.{number}", {**sweep.set, **section.set, **combination, "seed": seeds[position]}
+                yield f"grids.{number}", {**section.set, **combination}, seeds[position]
 
 
 def _workers(num_envs: int, cores_per_run: int) -> int:
@@ -167,11 +169,16 @@ def _plain_method(trees: list[dict[str, Any]], keys: Mapping[str, Any], method: 
         return None
 
 
-def _name(plain: Config, config: Config) -> str:
+def _name(plain: Config | None, config: Config, own: Iterable[str]) -> str:
+    """The keys in which it differs from `plain`; where that is None, all that its grid sets."""
     flat = flat_config(config)
-    named = {"task", "method.name", *RESERVED}
-    changed = [key for key in differing_keys([flat_config(plain), flat]) if key not in named]
-    return "-".join([config.task, config.method.name, *describe_keys(flat, changed), f"seed{config.seed}"])
+    if plain is None:
+        prefixes = tuple(f"{key}." for key in own)
+        changed = [key for key in flat if f"{key}.".startswith(prefixes)]
+    else:
+        changed = differing_keys([flat_config(plain), flat])
+    keys = [key for key in changed if key not in {"task", "method.name", *RESERVED}]
+    return "-".join([config.task, config.method.name, *describe_keys(flat, keys), f"seed{config.seed}"])
 
 
 def _arguments(bases: list[Path], keys: Mapping[str, Any]) -> tuple[str, ...]:

@@ -29,6 +29,8 @@ from vhs.train.interrupt import StopRequest, stop_on_signal
 
 _POLL_S = 0.2
 _DISPLAY_S = 2.0
+_PATIENCE_S = 60.0
+"""Of a sweep that ends early with its runs, which save before they end."""
 
 
 def sweep(
@@ -131,9 +133,7 @@ class _Sweep:
                 self._stop(stop.signal_name)
                 return 130
         finally:
-            for active in self._active:
-                active.process.kill()
-                active.process.wait()
+            self._end()
         return 1 if self._failed else 0
 
     def _fill(self) -> None:
@@ -155,18 +155,23 @@ class _Sweep:
             arguments = ["eval", str(directory), "--episodes", str(evaluation.episodes)]
             arguments += ["--seed", str(evaluation.seed), *(["--greedy"] if evaluation.greedy else [])]
         cores = ",".join(map(str, slot))
-        with self._log_path(run).open("ab") as log:
-            process = subprocess.Popen(
-                [sys.executable, "-IS", launch.__file__, str(os.getpid()), cores, *arguments],
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                env=os.environ | {"OMP_NUM_THREADS": "1"},
-                pass_fds=(self._lock,),
-                # Ctrl-C goes to a whole process group; a run that got it from the terminal and from here
-                # would take the second one as an order to end at once.
-                process_group=0,
-            )
+        try:
+            with self._log_path(run).open("ab") as log:
+                process = subprocess.Popen(
+                    [sys.executable, "-IS", launch.__file__, str(os.getpid()), cores, *arguments],
+                    stdin=subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=subprocess.STDOUT,
+                    env=os.environ | {"OMP_NUM_THREADS": "1"},
+                    pass_fds=(self._lock,),
+                    # Ctrl-C goes to a whole process group; a run that got it from the terminal and from here
+                    # would take the second one as an order to end at once.
+                    process_group=0,
+                )
+        except OSError as error:
+            self._free.append(slot)
+            self._fail(run, f"cannot start: {error.strerror}")
+            return
         self._active.append(_Active(run, stage, slot, process))
 
     def _reap(self) -> None:
@@ -184,8 +189,11 @@ class _Sweep:
 
     def _stage_after(self, active: _Active) -> Stage | None:
         """What follows a process; None where it failed, which is then said."""
-        if active.process.returncode != 0:
-            self._fail(active.run, _last_line(self._log_path(active.run)))
+        status = active.process.returncode
+        if status != 0:
+            self._fail(
+                active.run, _killed_by(-status) if status < 0 else _last_line(self._log_path(active.run))
+            )
             return None
         stage = self._next_stage(active.run)
         if stage == active.stage:
@@ -210,11 +218,26 @@ class _Sweep:
         for active in self._active:
             active.process.send_signal(signal.SIGTERM)
         for active in self._active:
-            # A second Ctrl-C raises here, and `run` kills what is left.
+            # A second Ctrl-C raises here, and `run` asks a second time, which ends what is left at once.
             active.process.wait()
             row = newest_row(self._out / active.run.name)
             episodes = row["episodes"] if row else 0
             self._display.say(f"{active.run.name}: stopped at episode {episodes:,}")
+
+    def _end(self) -> None:
+        """Leave no process: those that an error of the sweep itself left may save, as after a signal."""
+        deadline = time.monotonic() + _PATIENCE_S
+        try:
+            for active in self._active:
+                active.process.terminate()
+            for active in self._active:
+                active.process.wait(max(deadline - time.monotonic(), 0.0))
+        except subprocess.TimeoutExpired:
+            pass
+        finally:
+            for active in self._active:
+                active.process.kill()
+                active.process.wait()
 
     def _result(self, run: PlannedRun) -> str:
         return describe_result(self._out / run.name, self._evaluation)
@@ -230,6 +253,13 @@ def _available_cores() -> list[int]:
     return list(range(os.cpu_count() or 1))
 
 
+def _killed_by(number: int) -> str:
+    return f"killed by signal {number} ({signal.strsignal(number)})"
+
+
 def _last_line(path: Path) -> str:
-    lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
+    except OSError as error:
+        return f"its output cannot be read: {error.strerror}"
     return next((line.strip() for line in reversed(lines) if line.strip()), "no word")

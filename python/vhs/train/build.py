@@ -15,7 +15,7 @@ import torch
 from vhs import EpisodeBuffer, GoalStore, Prototypes, Rng
 from vhs.algorithms import ALGORITHMS, VHS
 from vhs.config import Config, unknown_key
-from vhs.envs import TASKS, RoomConfig, Task
+from vhs.envs import OBJECT_NAMES, TASKS, RoomConfig, Task
 from vhs.envs.rendering import check_renderer
 from vhs.errors import ConfigError
 from vhs.models import DiscriminativeAgent, FeatureExtractor, GoalAgent, pick_device
@@ -152,12 +152,19 @@ def to_act_here(config: Config) -> Config:
 
 
 def check_runnable(config: Config) -> None:
-    """Check what the schema cannot: the room, its renderer and the device.
+    """Check what the schema cannot: the room, its renderer, the goals that it has and the device.
 
     Raises:
         ConfigError: one of them cannot be had; nothing was made.
     """
     room_config(config)
+    method, goals = config.method, len(OBJECT_NAMES)
+    has_supcon = method.parts.goal_loss and method.name != "gdan" and method.supcon_weight > 0
+    if has_supcon and method.supcon_batch <= goals:
+        raise ConfigError(
+            f"method.supcon_batch: expected more than {goals}, the number of goals, so that SupCon finds two "
+            f"images of one, found {method.supcon_batch}"
+        )
     if config.env.num_workers and not _has_workers():
         raise ConfigError(f"env.num_workers: expected 0 on {sys.platform}, found {config.env.num_workers}")
     try:

@@ -8,6 +8,7 @@ renamed before it is removed, so a kill at any moment leaves whole checkpoints a
 
 from __future__ import annotations
 
+import io
 import os
 import shutil
 from collections.abc import Iterator, Mapping
@@ -18,7 +19,7 @@ from typing import Any
 import torch
 
 from vhs import GoalStore
-from vhs.errors import CheckpointError
+from vhs.errors import CheckpointError, OutputError
 
 _DIRECTORY = "checkpoints"
 _PREFIX = "episode-"
@@ -41,7 +42,28 @@ def save_checkpoint(
 
     Returns:
         The directory of the checkpoint; one of the same episode stays as it is.
+
+    Raises:
+        OutputError: it cannot be written; those before it are untouched.
     """
+    with writing(run):
+        return _save(run, episode, state, goal_store, keep)
+
+
+@contextmanager
+def writing(run: Path) -> Iterator[None]:
+    """Say of which run the files cannot be written, and why.
+
+    Raises:
+        OutputError: a full disk, a missing permission, a directory that is gone.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"{run}: cannot write the run: {error.strerror or error}") from error
+
+
+def _save(run: Path, episode: int, state: Mapping[str, Any], goal_store: GoalStore, keep: int) -> Path:
     root = run / _DIRECTORY
     root.mkdir(parents=True, exist_ok=True)
     final = root / f"{_PREFIX}{episode:09d}"
@@ -51,8 +73,10 @@ def save_checkpoint(
     partial = root / f"{_PARTIAL}{final.name}"
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir()
+    content = io.BytesIO()  # torch would hide what the system says of a full disk
+    torch.save(dict(state), content)
     with (partial / _STATE).open("wb") as file:
-        torch.save(dict(state), file)
+        file.write(content.getbuffer())
         file.flush()
         os.fsync(file.fileno())
     goal_store.save(partial / _GOALS)
@@ -73,7 +97,7 @@ def load_checkpoint(run: Path) -> tuple[dict[str, Any], GoalStore]:
     """Read the newest checkpoint of a run.
 
     Raises:
-        CheckpointError: there is none, or it is damaged.
+        CheckpointError: there is none, it cannot be read, or it is damaged.
     """
     found = _checkpoints(run)
     if not found:
@@ -82,8 +106,12 @@ def load_checkpoint(run: Path) -> tuple[dict[str, Any], GoalStore]:
     try:
         state = torch.load(newest / _STATE, map_location="cpu", weights_only=True)
         goal_store = GoalStore.load(newest / _GOALS)
+    except MemoryError as error:
+        raise CheckpointError(f"{newest}: cannot be read: not enough memory") from error
     except Exception as error:  # torch.load raises whatever its reader meets in a damaged file
-        older = f"; delete it to go on from {found[-2].name}" if len(found) > 1 else ""
+        if isinstance(error, OSError) and not isinstance(error, FileNotFoundError):
+            raise CheckpointError(f"{newest}: cannot be read: {error.strerror or error}") from error
+        older = f"; move it away to go on from {found[-2].name}" if len(found) > 1 else ""
         raise CheckpointError(f"{newest}: damaged checkpoint: {error}{older}") from error
     if not isinstance(state, dict):
         raise CheckpointError(f"{newest / _STATE}: expected a mapping, found {type(state).__name__}")

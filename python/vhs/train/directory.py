@@ -37,7 +37,7 @@ MAY_CHANGE = frozenset(
     }
 )
 """Keys that a resumed run may set anew: none of them changes what is learned from an episode, but for
-rounding where `train.threads` changes."""
+rounding where `train.threads` or `train.device` changes, and for its order without lock-step."""
 
 
 def default_run_directory(config: Config) -> Path:

@@ -17,6 +17,7 @@ from torch.utils.tensorboard import SummaryWriter
 
 from vhs import Outcome
 from vhs.errors import CheckpointError
+from vhs.train.checkpoint import writing
 from vhs.train.rollout import EndedEpisode
 
 LOG_NAME = "log.jsonl"
@@ -99,12 +100,18 @@ class RunLog:
             logged: the last episode of the last whole row before the checkpoint; `first_episode` by default.
                 Rows that end behind it are made again by the resumed run: they are dropped, so that the log
                 holds each episode once.
+
+        Raises:
+            CheckpointError: a line of the present log is damaged.
+            OutputError: the log cannot be written.
         """
         kept = first_episode if logged is None else logged
-        self._path = run / LOG_NAME
-        _keep_rows_up_to(self._path, kept)
-        self._file = self._path.open("a", encoding="utf-8")
-        self._board = SummaryWriter(str(run / "tensorboard"), purge_step=kept + 1 if kept else None)
+        self._run = run
+        path = run / LOG_NAME
+        with writing(run):
+            _keep_rows_up_to(path, kept)
+            self._file = path.open("a", encoding="utf-8")
+            self._board = SummaryWriter(str(run / "tensorboard"), purge_step=kept + 1 if kept else None)
         self._console = Console(file=stream or sys.stdout)
         self._is_unread = False
         self._progress: Progress | None = None
@@ -126,18 +133,24 @@ class RunLog:
             self._progress.update(self._bar, completed=episodes)
 
     def write(self, row: Mapping[str, Any]) -> None:
-        """Add a row to every log; numbers that JSON cannot hold become null."""
+        """Add a row to every log; numbers that JSON cannot hold become null.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
         clean = {key: None if isinstance(v, float) and not math.isfinite(v) else v for key, v in row.items()}
-        self._file.write(json.dumps(clean) + "\n")
-        self._file.flush()
-        for key, value in clean.items():
-            if isinstance(value, int | float) and key != "episodes":
-                self._board.add_scalar(key, value, row["episodes"])
+        with writing(self._run):
+            self._file.write(json.dumps(clean) + "\n")
+            self._file.flush()
+            for key, value in clean.items():
+                if isinstance(value, int | float) and key != "episodes":
+                    self._board.add_scalar(key, value, row["episodes"])
         self._show(row)
 
     def sync(self) -> None:
         """Put the rows on the disk: a checkpoint that counts on them is about to be put there."""
-        os.fsync(self._file.fileno())
+        with writing(self._run):
+            os.fsync(self._file.fileno())
 
     def say(self, text: str) -> None:
         """Tell the person something that is no row; nobody reading (``vhs train | head``) is no error."""
@@ -168,8 +181,11 @@ class RunLog:
         """Close everything, whatever happened."""
         if self._progress is not None:
             self._progress.stop()
-        self._file.close()
-        self._board.close()
+        with writing(self._run):
+            try:
+                self._file.close()
+            finally:
+                self._board.close()
 
 
 def read_log(run: Path) -> list[dict[str, Any]]:

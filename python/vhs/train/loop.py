@@ -58,6 +58,7 @@ def train(config: Config, run: Path, stream: TextIO | None = None) -> bool:
 
     Raises:
         CheckpointError: the directory holds another configuration's run or a damaged checkpoint.
+        OutputError: a checkpoint or the log cannot be written; the checkpoints before it are untouched.
         DivergenceError: the loss became infinite or NaN; the last checkpoint is untouched.
     """
     check_runnable(config)
@@ -131,6 +132,11 @@ class Session:
     def is_finished(self) -> bool:
         """Whether as many episodes as `train.episodes` have been learned from."""
         return self.progress.episodes >= self._config.train.episodes
+
+    @property
+    def has_every_loss(self) -> bool:
+        """Whether the goal store is full enough for the losses on it."""
+        return self._learner.is_warm
 
     def advance(self, log: RunLog) -> None:
         """One update where a whole group of episodes is waiting, one step of every room otherwise.

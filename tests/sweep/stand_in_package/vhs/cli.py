@@ -1,6 +1,7 @@
 """A `vhs` for the runs of a sweep that does nothing in no time, and keeps a journal of what it was asked for.
 
-`STAND_IN_S` is how long a training takes, `STAND_IN_FAILS` a piece of the name of a run whose training fails.
+`STAND_IN_S` is how long a training takes, `STAND_IN_FAILS` a piece of the name of a run whose training fails,
+`STAND_IN_DIES` one of a run that is killed.
 """
 
 import json
@@ -36,6 +37,9 @@ def train() -> None:
         print("training\nvhs: the roof fell in\n")
         note("end")
         sys.exit(1)
+    if os.environ.get("STAND_IN_DIES", "nothing") in RUN.name:
+        print("12.3 min  500 episodes", flush=True)
+        os.kill(os.getpid(), signal.SIGKILL)
     time.sleep(float(os.environ["STAND_IN_S"]))
     settings = dict(value.split("=", 1) for value in sys.argv if "=" in value)
     save(int(settings["train.episodes"]))
