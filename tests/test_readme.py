@@ -1,4 +1,4 @@
-"""The README keeps its word: its code runs, its commands exist, its links lead somewhere."""
+"""README and docs keep their word: their code runs, their commands exist, their links lead somewhere."""
 
 import os
 import re
@@ -12,13 +12,19 @@ ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+def blocks(language: str, page: str = README) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", page, re.DOTALL)
 
 
 @pytest.mark.parametrize("code", blocks("python"), ids=lambda code: code.splitlines()[0])
 def test_python_blocks_run(code: str) -> None:
     subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, timeout=60)
+
+
+@pytest.mark.parametrize("page", ["library.md", "rollout.md"])
+def test_python_blocks_of_a_page_run_one_after_the_other(page: str) -> None:
+    code = "\n".join(blocks("python", (ROOT / "docs" / page).read_text(encoding="utf-8")))
+    subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, timeout=100, cwd=ROOT)
 
 
 def test_make_targets_of_the_readme_exist() -> None:

@@ -1,7 +1,7 @@
 """A gymnasium wrapper that makes any goal-conditioned environment feed an `EpisodeBuffer`.
 
 Environments say what they want and what was reached in three ways; a `GoalReader` turns each into a `Seen`:
-dictionaries with `achieved_goal` and `desired_goal` (`GoalDict`), an instruction beside an image
+dictionaries with `achieved_goal` and `desired_goal` (`GoalDict`), a class or a picture beside an image
 (`Instruction`), or whatever a function of the user's makes of an observation.
 
 The wrapper records the last observation of an episode before anything resets the environment, so hindsight
@@ -23,7 +23,16 @@ from numpy.typing import NDArray
 from vhs._core import ArgumentError, EpisodeBuffer, ProtocolError
 from vhs.outcome import Outcome
 
-__all__ = ["GoalDict", "GoalReader", "HindsightRecorder", "Instruction", "Seen", "make_buffer"]
+__all__ = [
+    "GoalDict",
+    "GoalReader",
+    "HindsightRecorder",
+    "Instruction",
+    "Seen",
+    "default_outcome",
+    "make_buffer",
+    "reader_of",
+]
 
 Judge = Callable[[float, bool, bool, dict[str, Any]], Outcome]
 """(reward, terminated, truncated, info) of the last step -> outcome."""
@@ -34,13 +43,13 @@ class Seen:
     """What an observation says, for the buffer."""
 
     frame: NDArray[Any]
-    """What to store, of the buffer's `frame_shape`."""
+    """What to store, of the buffer's `frame_shape`; a number is stored as [1]."""
     label: int = 0
     """Instructed goal class."""
     interaction: int = 0
     """Instructed interaction."""
     desired_goal: NDArray[Any] | None = None
-    """The goal told, where goals are observations or vectors."""
+    """The goal told, where goals are observations or vectors; one frame stands for a stack of it."""
     achieved_goal: NDArray[Any] | None = None
     """The goal reached, where goals are vectors."""
 
@@ -67,16 +76,28 @@ class Instruction:
     """Reads an image and an instruction: each an entry's name, or a function of the observation."""
 
     image: str | Callable[[Any], NDArray[Any]] = "image"
-    goal: str | Callable[[Any], int] = "goal"
-    """Goal class."""
+    goal: str | Callable[[Any], int | NDArray[Any]] = "goal"
+    """Goal class, or a picture of the goal, of the image's shape."""
     interaction: str | Callable[[Any], int] | None = None
     """Interaction; None where the task has none."""
 
     def __call__(self, observation: Any) -> Seen:
-        """The image, the class and the interaction."""
+        """The image, the goal and the interaction.
+
+        Raises:
+            ArgumentError: For a goal that is neither an integer nor of the image's shape.
+        """
         interaction = 0 if self.interaction is None else int(_entry(observation, self.interaction))
         image = np.asarray(_entry(observation, self.image))
-        return Seen(image, int(_entry(observation, self.goal)), interaction)
+        goal = np.asarray(_entry(observation, self.goal))
+        if goal.ndim == 0 and goal.dtype.kind in "biu":
+            return Seen(image, int(goal), interaction)
+        if goal.shape == image.shape:
+            return Seen(image, interaction=interaction, desired_goal=goal)
+        raise ArgumentError(
+            f"`goal`: expected a class number or a picture of the image's shape {list(image.shape)}, "
+            f"got {goal.dtype} {list(goal.shape)}"
+        )
 
 
 class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -117,7 +138,12 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._first_action = int(getattr(env.action_space, "start", 0))
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, Any]:
-        """Reset the environment and open an episode."""
+        """Reset the environment and open an episode.
+
+        Raises:
+            ShapeError, DtypeError: For a frame or a goal that the buffer cannot hold. Types are converted by
+                numpy's rule "same_kind" (float64 to float32, bool to uint8), shapes never.
+        """
         observation, info = self.env.reset(seed=seed, options=options)
         self._leave_open_episode()
         seen = self._reader(observation)
@@ -132,7 +158,11 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
-        """Step the environment and record what came of it."""
+        """Step the environment and record what came of it.
+
+        Raises:
+            ShapeError, DtypeError: As for `reset`.
+        """
         observation, reward, terminated, truncated, info = self.env.step(action)
         seen = self._reader(observation)
         self.buffer.append(
@@ -168,12 +198,15 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         return int(action) - self._first_action
 
     def _frame(self, seen: Seen) -> NDArray[Any]:
-        return seen.frame.astype(self.buffer.dtype, copy=False).reshape(self.buffer.frame_shape)
+        return _converted(seen.frame, self.buffer.dtype)
 
     def _goal(self, goal: NDArray[Any] | None) -> NDArray[Any] | None:
         if goal is None:
             return None
-        return goal.astype(self.buffer.goal_dtype, copy=False).reshape(self.buffer.goal_shape)
+        goal = _converted(goal, self.buffer.goal_dtype)
+        if self.buffer.goals == "observations" and goal.shape == self.buffer.frame_shape:
+            return np.broadcast_to(goal, self.buffer.goal_shape)
+        return goal
 
 
 def default_outcome(reward: float, terminated: bool, truncated: bool, info: dict[str, Any]) -> Outcome:
@@ -248,13 +281,13 @@ def make_buffer(
         raise ArgumentError("`max_episode_steps`: expected a number, got None from the environment")
     vectors: dict[str, Any] = {}
     if seen.achieved_goal is not None:
-        goal = seen.achieved_goal
+        goal = np.atleast_1d(seen.achieved_goal)
         vectors = {"goals": "vectors", "goal_shape": goal.shape, "goal_dtype": _stored(goal.dtype)}
     elif seen.desired_goal is not None:
         vectors = {"goals": "observations"}
     numbered, dim = _actions(env.action_space)
     return EpisodeBuffer(
-        seen.frame.shape,
+        np.atleast_1d(seen.frame).shape,
         num_streams=num_streams,
         max_episode_steps=limit,
         capacity_steps=capacity_steps,
@@ -288,6 +321,12 @@ def _actions(space: spaces.Space[Any]) -> tuple[int, int]:
 def _stored(dtype: np.dtype[Any]) -> np.dtype[Any]:
     """The type in which a buffer keeps numbers of this one."""
     return np.dtype(np.uint8) if dtype == np.bool_ else dtype
+
+
+def _converted(array: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """An array in the type that a buffer stores, or as it is where that would lose more than precision."""
+    array = np.atleast_1d(array)
+    return array.astype(dtype, copy=False) if np.can_cast(array.dtype, dtype, "same_kind") else array
 
 
 def _entry(observation: Any, entry: str | Callable[[Any], Any]) -> Any:

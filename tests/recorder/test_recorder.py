@@ -256,3 +256,91 @@ def test_readers_take_names_or_functions() -> None:
     assert (seen.label, seen.interaction, seen.frame.shape) == (2, 3, (2, 2))
     told = GoalDict()(observation)
     assert (int(told.frame), int(told.achieved_goal), int(told.desired_goal)) == (1, 2, 5)
+
+
+class Shown(gymnasium.Env[dict[str, Any], np.int64]):
+    """Shows one picture beside a goal for three steps; what both are is the test's to say."""
+
+    action_space = spaces.Discrete(2)
+
+    def __init__(self, image: Any, goal: Any = 0) -> None:
+        self.seen = {"image": np.asarray(image), "goal": goal}
+        arrays = {name: np.asarray(part) for name, part in self.seen.items()}
+        self.observation_space = spaces.Dict(
+            {name: spaces.Box(0, 1, array.shape, array.dtype) for name, array in arrays.items()}
+        )
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        self.time = 0
+        return self.seen, {}
+
+    def step(self, action: Any) -> Any:
+        self.time += 1
+        return self.seen, 0.0, False, self.time == 3, {}
+
+
+@pytest.mark.parametrize(
+    ("image", "error", "message"),
+    [
+        (np.full((3, 4, 4), 0.5, np.float32), vhs.DtypeError, "`frame`: expected uint8, got float32"),
+        (np.full((3, 4, 4), 300, np.int64), vhs.DtypeError, "`frame`: expected uint8, got int64"),
+        (
+            np.ones((4, 4, 3), np.uint8),
+            vhs.ShapeError,
+            r"`frame`: expected shape \[3, 4, 4\], got \[4, 4, 3\]",
+        ),
+    ],
+)
+def test_frames_that_the_buffer_cannot_hold_are_refused(
+    image: np.ndarray, error: type[Exception], message: str
+) -> None:
+    buffer = make_buffer(Shown(np.zeros((3, 4, 4), np.uint8)), capacity_steps=9, max_episode_steps=3)
+    env = HindsightRecorder(Shown(image), buffer)
+    with pytest.raises(error, match=message):
+        env.reset()
+    assert not buffer.open[0]
+
+
+def test_numbers_are_converted_within_their_kind() -> None:
+    buffer = make_buffer(Shown(np.zeros(3, np.float32)), capacity_steps=9, max_episode_steps=3)
+    play(HindsightRecorder(Shown(np.array([0.25, 0.5, 0.75])), buffer), 1)
+    assert buffer.gather([0]).observations[0, 0].tolist() == [0.25, 0.5, 0.75]
+    buffer = make_buffer(Shown(np.zeros(3, np.bool_)), capacity_steps=9, max_episode_steps=3)
+    play(HindsightRecorder(Shown(np.array([True, False, True])), buffer), 1)
+    assert (buffer.dtype, buffer.gather([0]).observations[0, 0].tolist()) == (np.uint8, [1, 0, 1])
+
+
+def test_an_observation_that_is_a_number_is_stored_as_an_array_of_one() -> None:
+    env = gymnasium.make("FrozenLake-v1")
+
+    def reader(observation: int) -> Seen:
+        return Seen(
+            np.asarray(observation), desired_goal=np.asarray(15), achieved_goal=np.asarray(observation)
+        )
+
+    buffer = make_buffer(env, capacity_steps=1000, reader=reader)
+    seen = play(HindsightRecorder(env, buffer, reader=reader), 2)
+    assert (buffer.frame_shape, buffer.goal_shape) == ((1,), (1,))
+    assert buffer.gather([1]).achieved_goals[:, 0].tolist() == [step[0] for step in seen[1]]
+
+
+@pytest.mark.parametrize("frame_stack", [1, 2])
+def test_a_pictured_goal_is_told_as_an_observation(frame_stack: int) -> None:
+    picture = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
+    env = Shown(np.ones((4, 4, 3), np.uint8), picture)
+    buffer = make_buffer(env, capacity_steps=9, max_episode_steps=3, frame_stack=frame_stack)
+    assert (buffer.goals, buffer.num_goals) == ("observations", 1)
+    play(HindsightRecorder(env, buffer), 2)
+    np.testing.assert_array_equal(buffer.gather([0]).desired_goals, [[picture] * frame_stack])
+    batch = buffer.sample_transitions(20, "final", ratio=4)
+    assert (batch.goals[batch.relabelled] == 1).all()
+    np.testing.assert_array_equal(batch.goals[~batch.relabelled][0], [picture] * frame_stack)
+
+
+def test_a_goal_that_is_neither_class_nor_picture_is_refused() -> None:
+    image = np.zeros((4, 4, 3), np.uint8)
+    for goal, got in ((np.zeros(7, np.float32), r"float32 \[7\]"), ("red ball", "<U8"), (0.5, "float64")):
+        with pytest.raises(
+            vhs.ArgumentError, match="`goal`: expected a class number or a picture.*got " + got
+        ):
+            Instruction()({"image": image, "goal": goal})

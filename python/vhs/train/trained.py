@@ -33,7 +33,7 @@ class TrainedAgent:
         return Actor(learner.agent, num_streams, dtype=learner.dtype, generator=generator, greedy=greedy)
 
 
-def load_agent(path: Path) -> TrainedAgent:
+def load_agent(path: Path | str) -> TrainedAgent:
     """Load the newest checkpoint of a run, or an exported agent, ready to act: batch norm in evaluation mode.
 
     Args:
@@ -43,6 +43,7 @@ def load_agent(path: Path) -> TrainedAgent:
         CheckpointError: neither is there, it is damaged, or it does not fit its own configuration.
         ConfigError: its configuration cannot run here.
     """
+    path = Path(path)
     config = to_act_here(read_config(path))
     check_runnable(config)
     with closing(make_envs(config, 1)[0]) as env:

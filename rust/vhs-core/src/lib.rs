@@ -1,6 +1,7 @@
 //! Hindsight storage for reinforcement learning from images.
 //!
-//! Plain Rust, no Python: the crate behind the package `vhs`, and usable without it.
+//! Plain Rust, no Python: the crate behind the package `vhs`, and usable without it. Begin with
+//! [`episodes::EpisodeBuffer`], [`goals::GoalStore`] and the programs in `examples/`.
 //!
 //! | module | owns |
 //! |---|---|
