@@ -63,6 +63,7 @@ def train(n: int, episodes: int, hindsight: bool, seed: int = 0) -> float:
     net, target = (nn.Sequential(nn.Linear(2 * n, 256), nn.ReLU(), nn.Linear(256, n)) for _ in range(2))
     target.load_state_dict(net.state_dict())
     optimiser, successes = torch.optim.Adam(net.parameters(), 1e-3), []
+    how = {"relabel": "future", "ratio": 4} if hindsight else {}
     for episode in range(episodes):
         observation, _ = env.reset()
         explore = 0.0 if episode >= 0.9 * episodes else 0.2
@@ -75,7 +76,7 @@ def train(n: int, episodes: int, hindsight: bool, seed: int = 0) -> float:
             done = terminated or truncated
         successes.append(info["is_success"])
         for _ in range(n):
-            batch = buffer.sample_transitions(128, "future" if hindsight else None, ratio=4)
+            batch = buffer.sample_transitions(128, **how)
             with torch.no_grad():
                 best = values(target, batch.next_observations[:, 0], batch.goals).max(1).values
                 wanted = torch.from_numpy(batch.rewards) + 0.98 * best * ~torch.from_numpy(batch.terminated)
