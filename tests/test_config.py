@@ -59,7 +59,7 @@ def test_the_paper_overlay_holds_the_papers_table() -> None:
     )
 
 
-def test_the_paper_overlay_switches_every_departure_off() -> None:
+def test_the_paper_overlay_switches_departures_of_the_method_off() -> None:
     method, train = load_config([CONFIGS / "paper.yaml"]).method, load_config([CONFIGS / "paper.yaml"]).train
     assert (method.hindsight_goal, method.hindsight_discount, method.value_target) == (
         "feature",

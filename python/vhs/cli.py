@@ -301,7 +301,7 @@ def _bench(options: argparse.Namespace) -> int:
     from vhs.train.bench import bench
 
     config = load_config(options.config, options.set)
-    print(f"measuring for {3 * options.seconds} seconds or a little more", file=sys.stderr)
+    print(f"measuring for {3 * options.seconds} seconds, and until a goal is reached", file=sys.stderr)
     speed = bench(config, options.seconds)
     if options.json:
         print(json.dumps(asdict(speed)))

@@ -321,8 +321,9 @@ def parse_assignment(assignment: str) -> tuple[str, Any]:
 class _Loader(yaml.SafeLoader):
     """YAML in which a mapping has a key once, as the standard says; PyYAML lets the last one win."""
 
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        """The mapping of a node; an error at the second of two equal keys."""
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        """The node of a mapping, before keys are merged into it; an error at the second of two equal keys."""
+        node = super().compose_mapping_node(anchor)
         seen = set()
         for key, _ in node.value:
             if isinstance(key, yaml.ScalarNode):
@@ -331,7 +332,7 @@ class _Loader(yaml.SafeLoader):
                         None, None, f"a second `{key.value}`", key.start_mark
                     )
                 seen.add((key.tag, key.value))
-        return super().construct_mapping(node, deep)
+        return node
 
 
 def _parse_yaml(text: str) -> Any:

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike
-from typing import Any, SupportsFloat
+from typing import Any, Literal, SupportsFloat
 
 import gymnasium
 import numpy as np
@@ -141,8 +141,8 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         """Reset the environment and open an episode.
 
         Raises:
-            ShapeError, DtypeError: For a frame or a goal that the buffer cannot hold. Types are converted by
-                numpy's rule "same_kind" (float64 to float32, bool to uint8), shapes never.
+            ShapeError, DtypeError: For a frame or goal that the buffer cannot hold. Types are converted where
+                nothing but precision is lost (float64 to float32, bool to uint8), shapes never.
         """
         observation, info = self.env.reset(seed=seed, options=options)
         self._leave_open_episode()
@@ -279,6 +279,7 @@ def make_buffer(
     limit = max_episode_steps or (env.spec.max_episode_steps if env.spec else None)
     if limit is None:
         raise ArgumentError("`max_episode_steps`: expected a number, got None from the environment")
+    frame = np.atleast_1d(seen.frame)
     vectors: dict[str, Any] = {}
     if seen.achieved_goal is not None:
         goal = np.atleast_1d(seen.achieved_goal)
@@ -287,7 +288,7 @@ def make_buffer(
         vectors = {"goals": "observations"}
     numbered, dim = _actions(env.action_space)
     return EpisodeBuffer(
-        np.atleast_1d(seen.frame).shape,
+        frame.shape,
         num_streams=num_streams,
         max_episode_steps=limit,
         capacity_steps=capacity_steps,
@@ -295,7 +296,7 @@ def make_buffer(
         num_goals=_goal_classes(env.observation_space) if num_goals is None else num_goals,
         num_interactions=num_interactions,
         first_interaction_action=numbered - num_interactions,
-        dtype=_stored(seen.frame.dtype),
+        dtype=_stored(frame.dtype),
         action_dim=dim,
         backing=backing,
         seed=seed,
@@ -326,7 +327,9 @@ def _stored(dtype: np.dtype[Any]) -> np.dtype[Any]:
 def _converted(array: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
     """An array in the type that a buffer stores, or as it is where that would lose more than precision."""
     array = np.atleast_1d(array)
-    return array.astype(dtype, copy=False) if np.can_cast(array.dtype, dtype, "same_kind") else array
+    # numpy counts integers of every width as one kind, and lets them wrap around.
+    rule: Literal["safe", "same_kind"] = "same_kind" if dtype.kind == "f" else "safe"
+    return array.astype(dtype, copy=False) if np.can_cast(array.dtype, dtype, rule) else array
 
 
 def _entry(observation: Any, entry: str | Callable[[Any], Any]) -> Any:

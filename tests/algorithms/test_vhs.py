@@ -149,11 +149,25 @@ def test_the_hindsight_goal_is_the_detached_feature_of_the_final_observation() -
 def test_prototype_hindsight_takes_the_prototype_nearest_to_what_was_reached() -> None:
     vhs = make_vhs("method.hindsight_goal=prototype")
     reached = torch.randn(4, DIM, generator=torch.Generator().manual_seed(2))
-    assert torch.equal(vhs._hindsight_goals(reached), reached), "an empty class leaves the feature"
+    fill_store(vhs)
+    assert torch.equal(vhs._hindsight_goals(reached), reached), (
+        "a class without a prototype leaves the feature"
+    )
     table = np.eye(GOALS, DIM, dtype=np.float32) * np.array([[1.0], [50.0], [2.0]], dtype=np.float32)
     vhs.prototypes.update(table, [0, 1, 2])
     near = torch.tensor(table)[[2, 0, 1, 0]] * 3 + 0.1
     torch.testing.assert_close(vhs._hindsight_goals(near), torch.tensor(table)[[2, 0, 1, 0]])
+
+
+def test_prototype_hindsight_waits_until_goals_can_be_told_apart() -> None:
+    vhs = make_vhs("method.hindsight_goal=prototype", "method.prototype=exact")
+    fill_store(vhs, per_class=1)
+    for label in range(GOALS):
+        vhs.embed_goal(label)
+    assert vhs.prototypes.seen.all()
+    assert not vhs.is_warm
+    reached = torch.randn(4, DIM, generator=torch.Generator().manual_seed(2))
+    assert torch.equal(vhs._hindsight_goals(reached), reached)
 
 
 @pytest.mark.parametrize(("updates", "expected"), [(0, 1.0), (5, 0.6), (10, 0.2), (99, 0.2)])

@@ -105,7 +105,3 @@ def test_a_buffer_without_a_critic_takes_no_values() -> None:
         (1,), num_streams=1, max_episode_steps=2, capacity_steps=2, num_actions=4, num_interactions=1
     )
     assert moves.first_interaction_action == 3
-
-
-def test_names_that_load_later_are_listed() -> None:
-    assert {"RolloutPool", "HindsightRecorder", "EpisodeBuffer"} <= set(dir(vhs))

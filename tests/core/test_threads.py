@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from threading import Event
@@ -175,8 +176,8 @@ def test_collecting_and_writing_do_not_wait_for_each_other() -> None:
 
 
 def test_an_array_that_another_thread_changes_is_appended_whole_or_refused() -> None:
-    shape, n, done = (32, 32), 8, Event()
-    buffer = vhs.EpisodeBuffer(shape, num_streams=n, max_episode_steps=2000, capacity_steps=n * 2000)
+    shape, n, most, done = (512, 512), 8, 1000, Event()
+    buffer = vhs.EpisodeBuffer(shape, num_streams=n, max_episode_steps=most, capacity_steps=n * most)
     frames, zeros = np.zeros((n, *shape), np.uint8), np.zeros(n, np.float32)
     streams, actions = np.arange(n), np.zeros(n, np.int64)
     for stream in range(n):
@@ -184,15 +185,19 @@ def test_an_array_that_another_thread_changes_is_appended_whole_or_refused() -> 
 
     def disturb() -> None:
         while not done.is_set():
-            streams[-1] = 1 << 40
-            streams[-1] = n - 1
+            for stream in (1 << 40, n - 1):
+                streams[-1] = stream
+                time.sleep(0.0003)
 
     appended = refused = 0
     with ThreadPoolExecutor(1) as pool:
         disturber = pool.submit(disturb)
         try:
-            for _ in range(2000):
+            for _ in range(most):
+                if min(appended, refused) >= 20:
+                    break
                 try:
+                    # The copy of two megabytes leaves the other thread time.
                     buffer.append_batch(streams, actions, zeros, zeros, frames)
                     appended += 1
                 except vhs.LabelError:
@@ -200,5 +205,4 @@ def test_an_array_that_another_thread_changes_is_appended_whole_or_refused() -> 
         finally:
             done.set()
         disturber.result(timeout=60)
-    assert appended + refused == 2000
     assert buffer.num_steps == n * appended

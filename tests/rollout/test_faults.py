@@ -158,6 +158,24 @@ def test_a_pool_goes_on_after_workers_have_died_of_a_call() -> None:
         assert len(pool.recv(timeout=20)) == 6
 
 
+def test_a_pool_goes_on_after_a_call_was_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
+    with RolloutPool(Mortal, 2, 2, seed=1) as pool:
+        pool.reset()
+        pool.recv()
+        with monkeypatch.context() as patch:
+            patch.setattr(pool, "_attend", interrupt)
+            with pytest.raises(KeyboardInterrupt):
+                pool.call("answer", dies=False)
+        assert pool.num_under_way == 4
+        pool.send(np.zeros(4, np.int64))
+        assert pool.recv(timeout=20).steps.tolist() == [1] * 4
+        assert pool.call("double", 2) == (4,) * 4
+
+
+def interrupt(**_: object) -> None:
+    raise KeyboardInterrupt
+
+
 def test_a_hanging_environment_is_killed_and_its_stack_is_logged(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -209,7 +209,8 @@ class VHS:
 
     def _hindsight_goals(self, reached: Tensor) -> Tensor:
         """The goals of relabelled episodes, from their f(o_T), both of shape [R, feature_dim]."""
-        if self._method.hindsight_goal == "feature" or not self.prototypes.seen.all():
+        has_prototypes = self.is_warm and self.prototypes.seen.all()
+        if self._method.hindsight_goal == "feature" or not has_prototypes:
             return reached
         table = self._tensor(self.prototypes.table)
         nearest = (reached @ normalize(table, dim=1).T).argmax(dim=1)

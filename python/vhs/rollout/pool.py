@@ -135,6 +135,8 @@ class RolloutPool:
         """Results of the call under way, by environment; a `Failure` where one raised."""
         self._died: list[str] = []
         """What became of workers during the call under way."""
+        self._in_call = False
+        """Whether commands under way are those of a call."""
         self._closed = False
         common = Common(
             memory=Inherited(self._end.memory),
@@ -171,6 +173,7 @@ class RolloutPool:
             ProtocolError: an environment that has a command under way.
         """
         self._check_open()
+        self._await_call()
         ids = self._ids(env_ids)
         blob = b"" if options is None else pickle.dumps(options, protocol=pickle.HIGHEST_PROTOCOL)
         if seeds is not None:
@@ -205,6 +208,7 @@ class RolloutPool:
             DtypeError: actions that cannot be stored in the action space's type.
         """
         self._check_open()
+        self._await_call()
         ids = self._ids(env_ids)
         count = len(ids)
         self._end.send(ids, self._actions.rows(actions, count), STEP, version, b"")
@@ -227,6 +231,7 @@ class RolloutPool:
             Exception: what an environment raised, where `on_error` is "raise"; receive again for the others.
         """
         self._check_open()
+        self._await_call()
         wanted = self._under_way if min_envs is None else min_envs
         if not 0 < wanted <= self._under_way:
             found = f"{self._under_way} under way"
@@ -270,6 +275,7 @@ class RolloutPool:
     ) -> tuple[Any, ...]:
         """As `call`, with arguments for each environment: positional ones and keywords."""
         self._check_open()
+        self._await_call()
         if self._under_way:
             raise ProtocolError(f"`call`: expected no commands under way, found {self._under_way}")
         self._called.clear()
@@ -277,19 +283,25 @@ class RolloutPool:
         ids = self._ids(None)
         for env in ids.tolist():
             blob = pickle.dumps((name, *arguments[env]), protocol=pickle.HIGHEST_PROTOCOL)
+            self._in_call = True
             self._end.send([env], [], CALL, 0, blob)
             self._under_way += 1
-        while self._under_way:
-            # A call is answered by a notice alone, so a batch is never ready and this looks after notices and
-            # deaths.
-            self._end.wait(1, SLICE_S)
-            self._attend(during_call=True)
+        self._await_call()
         if self._died:
             raise WorkerError("; ".join(self._died))
         for result in self._called.values():
             if isinstance(result, Failure):
                 raise result.exception()
         return tuple(self._called.get(env) for env in range(self.num_envs))
+
+    def _await_call(self) -> None:
+        """Wait for the answers to a call, and to one that Ctrl-C interrupted, which nobody reads any more."""
+        while self._in_call and self._under_way:
+            # A call is answered by a notice alone, so a batch is never ready and this looks after notices and
+            # deaths.
+            self._end.wait(1, SLICE_S)
+            self._attend(during_call=True)
+        self._in_call = False
 
     # -- state
 
@@ -365,9 +377,8 @@ class RolloutPool:
             found = pickle.loads(self._blobs.read(env, blob_bytes))
             if during_call:
                 self._called[env] = found if flags & FAILED else found["result"]
-            elif flags & FAILED:
+            else:
                 failures.append(found)
-            # Otherwise it answers a call that was interrupted: nobody waits for it any more.
         for position, failure in enumerate(failures):
             # Should this one raise, those after it are still seen to: their environments wait for a reset.
             self._fail(failure, failures[position + 1 :])

@@ -77,7 +77,8 @@ def _rooms_alone(config: Config, seconds: float) -> float:
     """Steps a second of the rooms; a reset counts as none, and takes its time."""
     streams = config.env.num_envs
     actions = np.random.default_rng(config.seed)
-    num_actions = int(make_envs(config, 1)[0].action_space.n)  # type: ignore[attr-defined]
+    with closing(make_envs(config, 1)[0]) as env:
+        num_actions = int(env.action_space.n)  # type: ignore[attr-defined]
     with closing(make_rooms(config, streams)) as rooms:
         rooms.reset(range(streams), range(streams))
         steps, seed, began = 0, streams, time.monotonic()

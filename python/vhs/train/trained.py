@@ -6,7 +6,10 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
+from torch import Tensor
 
 from vhs.algorithms import VHS
 from vhs.config import Config
@@ -25,6 +28,22 @@ class TrainedAgent:
     learner: VHS
     """Of an exported agent, goal store and optimiser are those of a learner at its beginning."""
     trained_episodes: int
+
+    def embed(self, observations: NDArray[np.uint8]) -> Tensor:
+        """f(o): what the agent is asked for where a picture is its goal, in place of `learner.embed_goal`.
+
+        Args:
+            observations: uint8 [n, frame_stack, height, width, channels], oldest frame first.
+
+        Returns:
+            float32 [n, feature_dim], without a gradient.
+        """
+        agent = self.learner.agent
+        with torch.no_grad():
+            features: Tensor = agent.extractor(
+                torch.from_numpy(observations).to(next(agent.parameters()).device)
+            )
+        return features
 
     def actor(self, seed: int, greedy: bool, num_streams: int = 1) -> Actor:
         """An actor whose samples depend on the seed alone."""
