@@ -209,7 +209,7 @@ class VHS:
 
     def _hindsight_goals(self, reached: Tensor) -> Tensor:
         """The goals of relabelled episodes, from their f(o_T), both of shape [R, feature_dim]."""
-        has_prototypes = self.is_warm and self.prototypes.seen.all()
+        has_prototypes = self.prototypes.seen.all() and self.is_warm
         if self._method.hindsight_goal == "feature" or not has_prototypes:
             return reached
         table = self._tensor(self.prototypes.table)
