@@ -64,7 +64,9 @@ def draw(records: Path, picture: Path) -> None:
         for variant, (label, colour) in ABLATIONS.items():
             _band(ablations, curves["task2", variant], label, colour)
         ablations.set(title="Task 2: what is relabelled")
-    for axes in grid.flat:
+    for axes in list(grid.flat)[len(tasks) + has_ablations :]:
+        axes.remove()
+    for axes in figure.axes:
         axes.set(xlabel="episodes", ylim=(0, 1), xlim=(0, None))
         axes.legend(loc="best", framealpha=0.85, edgecolor="none", fontsize=8)
         axes.spines[["top", "right"]].set_visible(False)
