@@ -25,19 +25,21 @@ class Parts(NamedTuple):
     """Whether rewards are learned from."""
     hindsight: bool
     """Whether relabelled episodes are imitated; their goals are features, so prototypes must name goals."""
-    goal_loss: bool
-    """Whether a loss on the goal store's images is added: SupCon, or the discriminator's cross-entropy."""
+    goal_loss: Literal["supcon", "discriminator"] | None
+    """The loss on the goal store's images, if any: SupCon, or a discriminator's cross-entropy."""
     learning_rate: float | None = None
     """Learning rate at the start unless the configuration says otherwise, where the others' does not suit."""
 
 
 METHODS: dict[str, Parts] = {
-    "a3c": Parts("word", any_embedding=False, rl=True, hindsight=False, goal_loss=False),
+    "a3c": Parts("word", any_embedding=False, rl=True, hindsight=False, goal_loss=None),
     # At 5e-4 the policy behind the attention became deterministic within 7,000 episodes in one run of five.
-    "gdan": Parts("word", any_embedding=False, rl=True, hindsight=False, goal_loss=True, learning_rate=3e-4),
-    "gcsl": Parts("prototype", any_embedding=False, rl=False, hindsight=True, goal_loss=True),
-    "pg": Parts("prototype", any_embedding=True, rl=True, hindsight=False, goal_loss=True),
-    "vhs": Parts("prototype", any_embedding=True, rl=True, hindsight=True, goal_loss=True),
+    "gdan": Parts(
+        "word", any_embedding=False, rl=True, hindsight=False, goal_loss="discriminator", learning_rate=3e-4
+    ),
+    "gcsl": Parts("prototype", any_embedding=False, rl=False, hindsight=True, goal_loss="supcon"),
+    "pg": Parts("prototype", any_embedding=True, rl=True, hindsight=False, goal_loss="supcon"),
+    "vhs": Parts("prototype", any_embedding=True, rl=True, hindsight=True, goal_loss="supcon"),
 }
 
 

@@ -159,7 +159,7 @@ def check_runnable(config: Config) -> None:
     """
     room_config(config)
     method, goals = config.method, len(OBJECT_NAMES)
-    has_supcon = method.parts.goal_loss and method.name != "gdan" and method.supcon_weight > 0
+    has_supcon = method.parts.goal_loss == "supcon" and method.supcon_weight > 0
     if has_supcon and method.supcon_batch <= goals:
         raise ConfigError(
             f"method.supcon_batch: expected more than {goals}, the number of goals, so that SupCon finds two "

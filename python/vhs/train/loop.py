@@ -136,7 +136,7 @@ class Session:
     @property
     def has_every_loss(self) -> bool:
         """Whether the goal store is full enough for the losses on it, if there are any."""
-        return self._learner.is_warm or not self._config.method.parts.goal_loss
+        return self._learner.is_warm or self._config.method.parts.goal_loss is None
 
     def advance(self, log: RunLog) -> None:
         """One update where a whole group of episodes is waiting, one step of every room otherwise.

@@ -11,7 +11,7 @@ use vhs_core::error::{Error, check_shape};
 
 use crate::arrays::{checked, integer_vec, reals, shape, size, slice};
 use crate::bytes::{bytes_of, item};
-use crate::episodes::EpisodeBuffer;
+use crate::episode_buffer::EpisodeBuffer;
 use crate::error::{dtype, to_py};
 use crate::sampling::goal_array;
 

@@ -1,14 +1,12 @@
 //! `vhs.EpisodeBuffer`.
 
 use std::path::PathBuf;
-use std::sync::{Mutex, PoisonError, RwLock};
 
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
-use vhs_core::episodes::{self as core, Backing, EpisodeConfig, GoalKind, Item, Opening, Steps};
-use vhs_core::error::{Error, Result};
-use vhs_core::rng::Rng;
+use vhs_core::episodes::{self as core, Backing, EpisodeConfig, Item, Opening, Steps};
+use vhs_core::error::Error;
 use vhs_core::windows::WindowShape;
 
 use crate::arrays::{
@@ -18,123 +16,12 @@ use crate::arrays::{
 use crate::batch::EpisodeBatch;
 use crate::bytes::{filled_bytes, item, item_name};
 use crate::episode_arguments::{Actions, goal_bytes, goal_kind, layout, moves};
+use crate::episode_buffer::EpisodeBuffer;
 use crate::error::{no_pickle, to_py};
-use crate::hindsight::{Reward, check_idle, hindsight_rule};
+use crate::hindsight::{Reward, hindsight_rule, refuse_without_strategy};
 use crate::relabel::{outcome, rule};
 use crate::sampling::{goal_array, observation};
 use crate::transitions::{TransitionBatch, WindowBatch};
-
-/// Frames of at most so many bytes are copied without giving the interpreter away: some microseconds.
-const BRIEF: usize = 1 << 16;
-
-#[doc = stub!("EpisodeBuffer")]
-// Readers work side by side; whoever writes works alone. The generator has a lock of its own, held for a
-// moment, and always taken last.
-#[pyclass(frozen, module = "vhs._core")]
-pub(crate) struct EpisodeBuffer {
-    inner: RwLock<core::EpisodeBuffer>,
-    pub(crate) rng: Mutex<Rng>,
-    /// What the buffer was built from: fixed, so reading it needs no lock.
-    config: EpisodeConfig,
-    /// The process that made it, where frames lie in a scratch file: a fork would share that memory.
-    owner: Option<u32>,
-}
-
-impl From<core::EpisodeBuffer> for EpisodeBuffer {
-    fn from(mut buffer: core::EpisodeBuffer) -> Self {
-        Self {
-            config: buffer.config().clone(),
-            rng: Mutex::new(buffer.rng_mut().clone()),
-            owner: (buffer.config().backing != Backing::Memory).then(std::process::id),
-            inner: RwLock::new(buffer),
-        }
-    }
-}
-
-impl EpisodeBuffer {
-    /// A call of the core that only reads, for callers that have released the interpreter already.
-    pub(crate) fn with_core<R>(
-        &self,
-        call: impl FnOnce(&core::EpisodeBuffer) -> Result<R>,
-    ) -> Result<R> {
-        self.check_process()?;
-        // A poisoned lock only says that some call panicked; the next call's own checks are what counts.
-        call(&self.inner.read().unwrap_or_else(PoisonError::into_inner))
-    }
-
-    /// Refuses a forked copy of a buffer on disk: both processes would write the same frames.
-    fn check_process(&self) -> Result<()> {
-        let Some(owner) = self.owner.filter(|&owner| owner != std::process::id()) else {
-            return Ok(());
-        };
-        Err(Error::Argument {
-            field: "backing",
-            expected: format!("a buffer on disk to be used by the process that made it, {owner}"),
-            got: format!("process {}, forked from it", std::process::id()),
-        })
-    }
-
-    pub(crate) const fn goal_word(&self) -> &'static str {
-        match self.config.goal_kind {
-            GoalKind::Labels => "labels",
-            GoalKind::Observations => "observations",
-            GoalKind::Vectors { .. } => "vectors",
-        }
-    }
-
-    pub(crate) const fn config(&self) -> &EpisodeConfig {
-        &self.config
-    }
-
-    /// Reads what lies in memory beside the frames, with the interpreter released.
-    fn with_buffer<R: Send>(
-        &self,
-        py: Python<'_>,
-        work: impl FnOnce(&core::EpisodeBuffer) -> R + Send,
-    ) -> R {
-        py.detach(|| work(&self.inner.read().unwrap_or_else(PoisonError::into_inner)))
-    }
-
-    /// A call of the core that only reads, with the interpreter released.
-    pub(crate) fn read<R: Send>(
-        &self,
-        py: Python<'_>,
-        call: impl FnOnce(&core::EpisodeBuffer) -> Result<R> + Send,
-    ) -> PyResult<R> {
-        checked(py.detach(|| self.with_core(call)))
-    }
-
-    /// A call of the core that writes, with the interpreter released.
-    fn write<R: Send>(
-        &self,
-        py: Python<'_>,
-        call: impl FnOnce(&mut core::EpisodeBuffer) -> Result<R> + Send,
-    ) -> PyResult<R> {
-        checked(self.check_process())?;
-        checked(py.detach(|| call(&mut self.inner.write().unwrap_or_else(PoisonError::into_inner))))
-    }
-
-    /// As `write`, for calls that copy a frame or less: where nobody else uses the buffer, giving the interpreter
-    /// away and taking it back would cost more than it frees. Nobody waits for a lock with it in hand.
-    fn write_briefly<R: Send>(
-        &self,
-        py: Python<'_>,
-        call: impl FnOnce(&mut core::EpisodeBuffer) -> Result<R> + Send,
-    ) -> PyResult<R> {
-        if self.config.frame_bytes() <= BRIEF
-            && let Ok(mut buffer) = self.inner.try_write()
-        {
-            return checked(self.check_process().and_then(|()| call(&mut buffer)));
-        }
-        self.write(py, call)
-    }
-
-    /// The streams of an argument; None means all.
-    fn all_streams(&self, streams: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<i64>> {
-        let all = || Ok((0..).take(self.config.num_streams).collect());
-        streams.map_or_else(all, |streams| integer_vec("streams", streams))
-    }
-}
 
 #[pymethods]
 impl EpisodeBuffer {
@@ -236,7 +123,7 @@ impl EpisodeBuffer {
         achieved_goal: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
         let stream = integer("stream", stream)?;
-        let action = match self.config.action_dim {
+        let action = match self.config().action_dim {
             0 => Actions::Number([integer("action", action)?]),
             _ => self.actions(action, &[])?,
         };
@@ -322,8 +209,8 @@ impl EpisodeBuffer {
         let streams = self.all_streams(streams)?;
         let fresh = || self.read(py, |buffer| Ok((buffer.observe(&streams)?, ())));
         let into = |out: &mut [u8]| self.read(py, |buffer| buffer.observe_into(&streams, out));
-        let shape = rows(streams.len(), &observation(&self.config));
-        Ok(filled_bytes(py, out, self.config.frame_item, &shape, fresh, into)?.0)
+        let shape = rows(streams.len(), &observation(self.config()));
+        Ok(filled_bytes(py, out, self.config().frame_item, &shape, fresh, into)?.0)
     }
 
     #[doc = stub!("EpisodeBuffer.gather")]
@@ -353,9 +240,12 @@ impl EpisodeBuffer {
         out: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<EpisodeBatch> {
         if relabel.is_none() {
-            check_idle(&[("probability", probability.is_some()), ("on", on.is_some())])?;
+            refuse_without_strategy(&[
+                ("probability", probability.is_some()),
+                ("on", on.is_some()),
+            ])?;
         }
-        let first = i64::try_from(self.config.first_interaction_action).unwrap_or(i64::MAX);
+        let first = i64::try_from(self.config().first_interaction_action).unwrap_or(i64::MAX);
         let probability = probability.unwrap_or(1.0);
         let rule = relabel.map(|strategy| rule(strategy, on, probability, first));
         let rule = rule.transpose()?;
@@ -496,7 +386,7 @@ impl EpisodeBuffer {
         let open = self.with_buffer(py, |buffer| {
             buffer.open_episodes().map(|e| e.is_some()).collect()
         });
-        into_array(py, open, &[self.config.num_streams])
+        into_array(py, open, &[self.config().num_streams])
     }
 
     #[doc = stub!("EpisodeBuffer.num_steps")]
@@ -514,20 +404,20 @@ impl EpisodeBuffer {
     #[doc = stub!("EpisodeBuffer.frame_shape")]
     #[getter]
     fn frame_shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, &self.config.frame_shape)
+        PyTuple::new(py, &self.config().frame_shape)
     }
 
     #[doc = stub!("EpisodeBuffer.observation_shape")]
     #[getter]
     fn observation_shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, observation(&self.config))
+        PyTuple::new(py, observation(self.config()))
     }
 
     #[doc = stub!("EpisodeBuffer.dtype")]
     #[getter]
     fn dtype<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         py.import("numpy")?
-            .call_method1("dtype", (item_name(self.config.frame_item),))
+            .call_method1("dtype", (item_name(self.config().frame_item),))
     }
 
     #[doc = stub!("EpisodeBuffer.goals")]
@@ -539,68 +429,68 @@ impl EpisodeBuffer {
     #[doc = stub!("EpisodeBuffer.goal_shape")]
     #[getter]
     fn goal_shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, goal_array(&self.config).0)
+        PyTuple::new(py, goal_array(self.config()).0)
     }
 
     #[doc = stub!("EpisodeBuffer.goal_dtype")]
     #[getter]
     fn goal_dtype<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let name = item_name(goal_array(&self.config).1);
+        let name = item_name(goal_array(self.config()).1);
         py.import("numpy")?.call_method1("dtype", (name,))
     }
 
     #[doc = stub!("EpisodeBuffer.action_dim")]
     #[getter]
     fn action_dim(&self) -> usize {
-        self.config.action_dim
+        self.config().action_dim
     }
 
     #[doc = stub!("EpisodeBuffer.num_streams")]
     #[getter]
     fn num_streams(&self) -> usize {
-        self.config.num_streams
+        self.config().num_streams
     }
 
     #[doc = stub!("EpisodeBuffer.max_episode_steps")]
     #[getter]
     fn max_episode_steps(&self) -> usize {
-        self.config.max_episode_steps
+        self.config().max_episode_steps
     }
 
     #[doc = stub!("EpisodeBuffer.capacity_steps")]
     #[getter]
     fn capacity_steps(&self) -> usize {
-        self.config.capacity_steps
+        self.config().capacity_steps
     }
 
     #[doc = stub!("EpisodeBuffer.frame_stack")]
     #[getter]
     fn frame_stack(&self) -> usize {
-        self.config.frame_stack
+        self.config().frame_stack
     }
 
     #[doc = stub!("EpisodeBuffer.num_goals")]
     #[getter]
     fn num_goals(&self) -> usize {
-        self.config.num_goals
+        self.config().num_goals
     }
 
     #[doc = stub!("EpisodeBuffer.num_interactions")]
     #[getter]
     fn num_interactions(&self) -> usize {
-        self.config.num_interactions
+        self.config().num_interactions
     }
 
     #[doc = stub!("EpisodeBuffer.first_interaction_action")]
     #[getter(first_interaction_action)]
     fn first_interaction_action_getter(&self) -> usize {
-        self.config.first_interaction_action
+        self.config().first_interaction_action
     }
 
     #[doc = stub!("EpisodeBuffer.num_actions")]
     #[getter(num_actions)]
     fn num_actions_getter(&self) -> usize {
-        self.config.num_actions()
+        self.config().num_actions()
     }
 
     #[doc = stub!("EpisodeBuffer.__len__")]
@@ -612,7 +502,7 @@ impl EpisodeBuffer {
         let (len, steps) = self.with_buffer(py, |buffer| (buffer.len(), buffer.num_steps()));
         format!(
             "EpisodeBuffer({len} episodes, {steps} of {} steps)",
-            self.config.capacity_steps
+            self.config().capacity_steps
         )
     }
 }

@@ -14,7 +14,7 @@ use crate::arrays::{
     checked, detached, exact, integer, integer_vec, into_array, rows, seed, shape, size, slice,
 };
 use crate::bytes::filled_bytes;
-use crate::episodes::EpisodeBuffer;
+use crate::episode_buffer::EpisodeBuffer;
 use crate::error::no_pickle;
 
 type Sample<'py> = (Bound<'py, PyAny>, Bound<'py, PyArrayDyn<i64>>);

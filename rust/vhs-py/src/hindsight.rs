@@ -127,7 +127,7 @@ fn rewards(answer: &Bound<'_, PyAny>, shape: &[usize]) -> PyResult<Vec<f32>> {
 }
 
 /// Refuses arguments that say how to relabel where no strategy says that anything is relabelled.
-pub(crate) fn check_idle(given: &[(&'static str, bool)]) -> PyResult<()> {
+pub(crate) fn refuse_without_strategy(given: &[(&'static str, bool)]) -> PyResult<()> {
     given
         .iter()
         .filter(|(_, is_given)| *is_given)
@@ -149,7 +149,7 @@ pub(crate) fn hindsight_rule(
     reward: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Option<HindsightRule>> {
     let Some(name) = relabel else {
-        check_idle(&[
+        refuse_without_strategy(&[
             ("probability", probability.is_some()),
             ("ratio", ratio.is_some()),
             ("on", on.is_some()),

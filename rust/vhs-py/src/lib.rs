@@ -19,6 +19,7 @@ mod arrays;
 mod batch;
 mod bytes;
 mod episode_arguments;
+mod episode_buffer;
 mod episodes;
 mod error;
 mod frames;
@@ -41,7 +42,7 @@ mod _core {
     #[pymodule_export]
     use crate::batch::EpisodeBatch;
     #[pymodule_export]
-    use crate::episodes::EpisodeBuffer;
+    use crate::episode_buffer::EpisodeBuffer;
     #[pymodule_export]
     use crate::frames::stack_channels;
     #[pymodule_export]

@@ -21,7 +21,7 @@ use vhs_core::windows::WindowShape;
 use crate::arrays::checked;
 use crate::batch::EpisodeBatch;
 use crate::bytes::{out_bytes, out_rows, pooled};
-use crate::episodes::EpisodeBuffer;
+use crate::episode_buffer::EpisodeBuffer;
 use crate::error::dtype;
 use crate::hindsight::Reward;
 use crate::transitions::{TransitionBatch, WindowBatch};
