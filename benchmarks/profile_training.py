@@ -21,15 +21,15 @@ from typing import Any
 
 import torch
 
-import vhs.algorithms.vhs
+import vhs.learning.learner
 from vhs import RasterRenderer
+from vhs.acting.actor import Actor
+from vhs.acting.stepping import LocalRooms
 from vhs.config import load_config
 from vhs.models import FeatureExtractor
+from vhs.runs.log import RunLog
 from vhs.train import loop
-from vhs.train.actor import Actor
-from vhs.train.log import RunLog
 from vhs.train.memory import keep_freed_memory
-from vhs.train.rooms import LocalRooms
 
 
 class Stopwatch:
@@ -107,7 +107,7 @@ def _advance(session: Any, log: RunLog, seconds: float) -> float:
 
 
 def _instrument(watch: Stopwatch) -> None:
-    learner = vhs.algorithms.vhs.VHS
+    learner = vhs.learning.learner.VHS
     watch.wrap(LocalRooms, "send", "rooms: physics, rest")
     watch.wrap(LocalRooms, "reset", "rooms: reset")
     watch.wrap(RasterRenderer, "render", "rooms: drawing")
@@ -116,7 +116,7 @@ def _instrument(watch: Stopwatch) -> None:
     watch.wrap(learner, "_episode_losses", "LSTM, heads, RL and VHS loss")
     watch.wrap(learner, "_sample_goals", "goal images")
     watch.wrap(learner, "update", "update: the rest")
-    watch.wrap(vhs.algorithms.vhs, "supcon_loss", "SupCon loss")
+    watch.wrap(vhs.learning.learner, "supcon_loss", "SupCon loss")
     watch.wrap(torch.Tensor, "backward", "backward")
     watch.wrap(FeatureExtractor, "forward", "extractor forward")
 

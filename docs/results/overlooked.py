@@ -17,13 +17,13 @@ import mujoco
 import numpy as np
 
 from vhs import Outcome, RasterRenderer
+from vhs.acting.episodes import Rollout, episode_seeds
+from vhs.acting.policy import TrainedAgent, load_agent
+from vhs.acting.stepping import LocalRooms
 from vhs.envs import OBJECT_NAMES, RoomEnv
 from vhs.envs.robot import CAMERA
+from vhs.runs.directory import describe
 from vhs.train.build import make_buffer, make_envs
-from vhs.train.directory import describe
-from vhs.train.rollout import Rollout, episode_seeds
-from vhs.train.rooms import LocalRooms
-from vhs.train.trained import TrainedAgent, load_agent
 
 BINS_PX = (0, 25, 50, 75, 100, 150, 84 * 84)
 HEADINGS = 8

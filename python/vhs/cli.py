@@ -202,8 +202,8 @@ def _add_config(parser: argparse.ArgumentParser) -> None:
 
 def _train(options: argparse.Namespace) -> int:
     from vhs.config import load_config
+    from vhs.runs.directory import default_run_directory
     from vhs.train import train
-    from vhs.train.directory import default_run_directory
 
     config = load_config(options.config, options.set)
     finished = train(config, options.out or default_run_directory(config))

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from vhs.acting.episodes import episode_seeds
+from vhs.acting.policy import load_agent
 from vhs.cli import main
-from vhs.play.episode import Moment, run_episode
-from vhs.play.picture import HEIGHT_PX, SIDE_PX, WIDTH_PX, draw
 from vhs.play.room import make_room
-from vhs.train.rollout import episode_seeds
-from vhs.train.trained import load_agent
+from vhs.show.moments import Moment, run_episode
+from vhs.show.pictures import HEIGHT_PX, SIDE_PX, WIDTH_PX, draw
 
 
 def moments(run: Path, episodes: int) -> list[list[Moment]]:

@@ -11,15 +11,15 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
+from vhs.acting.policy import load_agent
 from vhs.cli import main
 from vhs.config import Config, load_config
 from vhs.errors import CheckpointError
+from vhs.runs.agent_file import FORMAT, encode_agent, read_agent
+from vhs.runs.checkpoint import load_checkpoint, save_checkpoint
 from vhs.train import train
-from vhs.train.agent_file import FORMAT, encode_agent, read_agent
 from vhs.train.build import make_envs, make_learner
-from vhs.train.checkpoint import load_checkpoint, save_checkpoint
 from vhs.train.export import export_agent
-from vhs.train.trained import load_agent
 
 DEBUG = Path(__file__).parents[2] / "configs" / "debug.yaml"
 

@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 import torch
 
-from vhs.algorithms import VHS
 from vhs.cli import main
 from vhs.config import Config, load_config
 from vhs.errors import CheckpointError
 from vhs.eval import read_evaluations
+from vhs.learning.algorithms import VHS
+from vhs.runs.log import read_log
 from vhs.train import train
-from vhs.train.log import read_log
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 

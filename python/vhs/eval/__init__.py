@@ -1,6 +1,6 @@
 """Evaluation of trained agents."""
 
 from vhs.eval.evaluate import Evaluation, evaluate
-from vhs.eval.record import read_evaluations, record_evaluation
+from vhs.runs.evaluations import read_evaluations, record_evaluation
 
 __all__ = ["Evaluation", "evaluate", "read_evaluations", "record_evaluation"]

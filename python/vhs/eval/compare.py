@@ -21,7 +21,7 @@ from vhs.eval.metrics import (
     sample_requirement_ratio,
 )
 from vhs.eval.paper import REFERENCE_RATE
-from vhs.eval.runs import Group, Run, find_runs, group_runs, load_runs
+from vhs.runs.reader import Group, Run, find_runs, group_runs, load_runs
 
 WINDOW = 2_000
 """Training episodes over which success is averaged to say that a rate is reached."""

@@ -18,14 +18,14 @@ import torch
 from numpy.typing import NDArray
 
 from vhs import Outcome
+from vhs.acting.episodes import EndedEpisode, Rollout, episode_seeds
+from vhs.acting.policy import TrainedAgent, load_agent
+from vhs.acting.stepping import LocalRooms
 from vhs.config import Config
 from vhs.envs import optimal_steps
 from vhs.envs.oracle import NoPlanError
+from vhs.runs.log import summarise
 from vhs.train.build import make_buffer, make_envs
-from vhs.train.log import summarise
-from vhs.train.rollout import EndedEpisode, Rollout, episode_seeds
-from vhs.train.rooms import LocalRooms
-from vhs.train.trained import TrainedAgent, load_agent
 
 
 @dataclass(frozen=True, slots=True)

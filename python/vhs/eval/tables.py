@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from vhs.eval.compare import WINDOW, Comparison, GroupResult, RunResult
-from vhs.files import write_texts
+from vhs.runs.files import write_texts
 
 _NONE = "-"
 

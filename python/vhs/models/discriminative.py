@@ -44,7 +44,7 @@ class DiscriminativeAgent(GoalAgent):
 
         Norm and tanh help: `value` has no bound, and with a ReLU here, or without the norm, the policy became
         deterministic within a few hundred episodes and learned nothing more; with both it still did so once
-        at a learning rate of 5e-4, hence the method's own (`vhs.methods`).
+        at a learning rate of 5e-4, hence the method's own (`vhs.learning.methods`).
         """
         query = self.recognise(features).detach()
         key, value = self.memory(torch.cat([gated, hidden], dim=-1)).chunk(2, dim=-1)

@@ -8,15 +8,15 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vhs.acting.episodes import episode_seeds
+from vhs.acting.policy import TrainedAgent, load_agent
 from vhs.errors import OutputError
-from vhs.play.episode import Moment, run_episode
 from vhs.play.film import check_film_path, write_film
-from vhs.play.picture import draw
 from vhs.play.room import make_room
+from vhs.runs.directory import read_config
+from vhs.show.moments import Moment, run_episode
+from vhs.show.pictures import draw
 from vhs.train.build import check_runnable, to_act_here
-from vhs.train.directory import read_config
-from vhs.train.rollout import episode_seeds
-from vhs.train.trained import TrainedAgent, load_agent
 
 if TYPE_CHECKING:
     from vhs.play.window import Window

@@ -8,10 +8,10 @@ from functools import partial
 from vhs import Outcome
 from vhs.envs import RoomEnv
 from vhs.envs.config import FIRST_INTERACTION, MOVE_FORWARD, TURN_LEFT, TURN_RIGHT
-from vhs.play.episode import Moment, ending, snapshot
 from vhs.play.film import LAST_FRAME_S
-from vhs.play.picture import draw
 from vhs.play.window import Window
+from vhs.show.moments import Moment, ending, snapshot
+from vhs.show.pictures import draw
 
 
 def show(window: Window, moments: Iterator[Moment], fps: int) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from PIL import Image
 
 from vhs.errors import OutputError
-from vhs.play.picture import HEIGHT_PX, WIDTH_PX
+from vhs.show.pictures import HEIGHT_PX, WIDTH_PX
 
 
 class Window:

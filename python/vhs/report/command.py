@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from vhs import VhsError, __version__
+from vhs.acting.policy import TrainedAgent, load_agent
 from vhs.errors import OutputError
 from vhs.report.curves import cost_section, curve_section, loss_section
 from vhs.report.evaluation import confusion_section, episode_section
@@ -16,7 +17,6 @@ from vhs.report.page import Section, page
 from vhs.report.runs import Group, Run, final_mean, find_runs, group_runs
 from vhs.report.setup import setup_section
 from vhs.report.tracks import Track, play_tracks, success_and_spl, wilson_interval
-from vhs.train.trained import TrainedAgent, load_agent
 
 
 @dataclass(frozen=True, slots=True)

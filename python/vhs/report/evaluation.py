@@ -10,11 +10,11 @@ import numpy as np
 
 from vhs import Outcome
 from vhs.envs import OBJECT_NAMES
-from vhs.play.episode import Moment, object_title
 from vhs.report.page import Section, card, figure, legend, missing, shaded
 from vhs.report.room import top_view
 from vhs.report.svg import Axes, Frame, Line, svg
 from vhs.report.tracks import Track, confusion, pick
+from vhs.show.moments import Moment, object_title
 
 _LEAD = (
     "The first two of each outcome. From above: the way the robot took, from the open to the filled arrow, "

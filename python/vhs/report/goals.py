@@ -10,11 +10,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from vhs.play.episode import object_title
+from vhs.acting.policy import TrainedAgent
 from vhs.report.decoder import decode
 from vhs.report.page import Section, card, figure, image, legend, missing, shaded
 from vhs.report.svg import svg
-from vhs.train.trained import TrainedAgent
+from vhs.show.moments import object_title
 
 _A_CLASS = 150
 """Images of a class that are looked at."""

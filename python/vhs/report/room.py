@@ -8,9 +8,9 @@ from collections.abc import Iterable, Sequence
 from xml.sax.saxutils import escape
 
 from vhs.envs.kinematics import Footprint
-from vhs.play.episode import Pose, object_title
 from vhs.report.svg import svg
 from vhs.report.tracks import Track
+from vhs.show.moments import Pose, object_title
 
 _SIDE = 300.0
 """Width and height, in drawing units."""

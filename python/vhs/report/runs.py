@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from vhs.config import Config
+from vhs.config.variants import label
 from vhs.errors import CheckpointError
-from vhs.eval.runs import settings
-from vhs.train.checkpoint import has_checkpoint
-from vhs.train.directory import CONFIG_NAME, META_NAME, read_config, read_meta
-from vhs.train.log import LOG_NAME
-from vhs.variants import label
+from vhs.runs.checkpoint import has_checkpoint
+from vhs.runs.directory import CONFIG_NAME, META_NAME, read_config, read_meta
+from vhs.runs.log import LOG_NAME
+from vhs.runs.reader import settings
 
 Row = dict[str, Any]
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from xml.sax.saxutils import escape
 
 from vhs.config import Config, dump_config
+from vhs.config.variants import describe_value, flat_config
 from vhs.report.page import Section, missing, table
 from vhs.report.runs import Run
-from vhs.variants import describe_value, flat_config
 
 
 def setup_section(runs: Sequence[Run], shown: Run) -> Section:

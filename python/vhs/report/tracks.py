@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vhs import Outcome
+from vhs.acting.episodes import episode_seeds
+from vhs.acting.policy import TrainedAgent
 from vhs.envs import OBJECT_NAMES, RoomConfig, RoomEnv, plan
 from vhs.envs.config import FIRST_INTERACTION, MOVE_FORWARD, TURN_LEFT
 from vhs.envs.kinematics import Footprint, strided, turned
 from vhs.envs.oracle import NoPlanError
 from vhs.eval.evaluate import success_weighted_by_path_length
-from vhs.play.episode import Moment, run_episode
 from vhs.play.room import make_room
-from vhs.train.rollout import episode_seeds
-from vhs.train.trained import TrainedAgent
+from vhs.show.moments import Moment, run_episode
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,9 +16,10 @@ from typing import Annotated, Any
 import yaml
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from vhs.config import Config, explain, known_keys, nest, parse_assignment, read_yaml, resolve_config
+from vhs.config import Config, known_keys, resolve_config
+from vhs.config.load import explain, nest, parse_assignment, read_yaml
+from vhs.config.variants import describe_keys, differing_keys, flat_config
 from vhs.errors import ConfigError
-from vhs.variants import describe_keys, differing_keys, flat_config
 
 RESERVED = {
     "seed": "seeds stand in `seeds`",

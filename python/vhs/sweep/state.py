@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from vhs.errors import VhsError
-from vhs.eval.record import read_evaluations
+from vhs.runs.checkpoint import newest_checkpoint
+from vhs.runs.evaluations import read_evaluations
+from vhs.runs.log import read_log
 from vhs.sweep.plan import EvalSection, PlannedRun
-from vhs.train.checkpoint import newest_checkpoint
-from vhs.train.log import read_log
 
 Stage = Literal["train", "eval", "finished"]
 

@@ -15,8 +15,8 @@ import torch
 
 from vhs.config import Config
 from vhs.errors import OutputError
+from vhs.runs.log import RunLog
 from vhs.train.build import check_runnable, convolution_dtype, make_envs, make_rooms
-from vhs.train.log import RunLog
 from vhs.train.loop import Session
 from vhs.train.memory import keep_freed_memory
 

@@ -13,13 +13,14 @@ import numpy as np
 import torch
 
 from vhs import EpisodeBuffer, GoalStore, Prototypes, Rng
-from vhs.algorithms import ALGORITHMS, VHS
-from vhs.config import Config, unknown_key
+from vhs.acting.stepping import LocalRooms, PooledRooms, Rooms
+from vhs.config import Config
+from vhs.config.load import unknown_key
 from vhs.envs import OBJECT_NAMES, TASKS, RoomConfig, Task
 from vhs.envs.rendering import check_renderer
 from vhs.errors import ConfigError
+from vhs.learning.algorithms import ALGORITHMS, VHS
 from vhs.models import DiscriminativeAgent, FeatureExtractor, GoalAgent, pick_device
-from vhs.train.rooms import LocalRooms, PooledRooms, Rooms
 
 
 def room_config(config: Config) -> RoomConfig:

@@ -1,6 +1,6 @@
 """Exporting: from a run to a directory small enough to ship, with an agent that acts but cannot train on.
 
-``config.yaml`` is the run's; ``agent.safetensors`` holds networks and prototypes (`vhs.train.agent_file`);
+``config.yaml`` is the run's; ``agent.safetensors`` holds networks and prototypes (`vhs.runs.agent_file`);
 ``run.json`` says what trained it and what exported it.
 """
 
@@ -11,12 +11,12 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
+from vhs.acting.policy import TrainedAgent, load_agent
 from vhs.config import Config, dump_config
 from vhs.errors import CheckpointError
-from vhs.train.agent_file import encode_agent
+from vhs.runs.agent_file import encode_agent
+from vhs.runs.directory import AGENT_NAME, CONFIG_NAME, META_NAME, describe, is_exported, read_meta
 from vhs.train.build import to_act_here
-from vhs.train.directory import AGENT_NAME, CONFIG_NAME, META_NAME, describe, is_exported, read_meta
-from vhs.train.trained import TrainedAgent, load_agent
 
 
 def export_agent(run: Path, directory: Path) -> TrainedAgent:

@@ -12,8 +12,13 @@ from typing import Any, TextIO
 import numpy as np
 import torch
 
+from vhs.acting.actor import Actor
+from vhs.acting.episodes import EndedEpisode, Rollout, episode_seeds
+from vhs.acting.replay import episodes_state, resume_episodes
 from vhs.config import Config
-from vhs.train.actor import Actor
+from vhs.runs.checkpoint import fitting, has_checkpoint, load_checkpoint, save_checkpoint
+from vhs.runs.directory import check_run, open_run
+from vhs.runs.log import RunLog, Window
 from vhs.train.build import (
     check_runnable,
     convolution_dtype,
@@ -22,13 +27,8 @@ from vhs.train.build import (
     make_learner,
     make_rooms,
 )
-from vhs.train.checkpoint import fitting, has_checkpoint, load_checkpoint, save_checkpoint
-from vhs.train.directory import check_run, open_run
 from vhs.train.interrupt import stop_on_signal
-from vhs.train.log import RunLog, Window
 from vhs.train.memory import keep_freed_memory
-from vhs.train.resume import episodes_state, resume_episodes
-from vhs.train.rollout import EndedEpisode, Rollout, episode_seeds
 
 
 @dataclass(slots=True)
@@ -141,7 +141,7 @@ class Session:
     def advance(self, log: RunLog) -> None:
         """One update where a whole group of episodes is waiting, one step of every room otherwise.
 
-        Between two calls the run can be saved: see `vhs.train.resume`.
+        Between two calls the run can be saved: see `vhs.acting.replay`.
         """
         if len(self._waiting) < self._config.train.episodes_per_update:
             self._waiting.extend(self._rollout.step())

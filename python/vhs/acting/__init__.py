@@ -1,0 +1,1 @@
+"""Acting: environments that are stepped, the episodes in them, and the policy that acts."""

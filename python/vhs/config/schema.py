@@ -1,0 +1,243 @@
+"""The configuration of a training run: schema, defaults and units.
+
+Every number of a run is a field here, once; a file or ``--set`` only overrides (`vhs.config.load`). The
+resolved configuration is frozen and is saved with the run. "Paper" in a comment means the hyperparameter
+table of Kim et al., "Visual Hindsight Self-Imitation Learning for Interactive Navigation"; what departs from
+it says why.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from vhs.learning.methods import METHODS, Embedding, MethodName, Parts, check_parts
+
+Probability = Annotated[float, Field(ge=0.0, le=1.0)]
+PositiveInt = Annotated[int, Field(ge=1)]
+NonNegativeFloat = Annotated[float, Field(ge=0.0)]
+PositiveFloat = Annotated[float, Field(gt=0.0)]
+OutcomeName = Literal["success", "failure", "timeout"]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class EnvSection(_Section):
+    """The rooms that the run collects from."""
+
+    num_envs: PositiveInt = 16
+    """Rooms stepped side by side (paper: 5 processes of one room)."""
+    num_workers: Annotated[int, Field(ge=0)] | None = None
+    """Processes that step the rooms while this one learns; 0 steps them in this process; null is 1 on Linux,
+    which alone has such workers, and 0 elsewhere."""
+    min_ready: PositiveInt | None = None
+    """Rooms that must have answered before the next inference; null waits for all (lock-step), and then the
+    result does not depend on the number of workers. Without workers all have always answered."""
+    renderer: str = "raster"
+    """What draws the camera image, as `vhs.envs` names it."""
+    room: dict[str, Any] = Field(default_factory=dict)
+    """Overrides of `vhs.envs.RoomConfig`, for example ``{stride_m: 0.3}``."""
+
+
+class ModelSection(_Section):
+    """The network (paper, appendix "Implementation Details")."""
+
+    channels: Annotated[tuple[PositiveInt, ...], Field(min_length=4, max_length=4)] = (16, 32, 32, 64)
+    """Output channels of the four convolutions; the paper-size network is (32, 64, 128, 256)."""
+    feature_dim: PositiveInt = 256
+    """Length of f(o) and of a prototype (paper: 256)."""
+    hidden_dim: PositiveInt = 256
+    """LSTM state (paper: 256)."""
+    head_dim: PositiveInt = 128
+    """Hidden layer of the policy and of the value head (the paper gives no number)."""
+    interaction_dim: PositiveInt = 16
+    """Length of the interaction embedding (the paper gives no number)."""
+    frame_stack: PositiveInt = 2
+    """Frames in an observation (paper: 2)."""
+
+
+class MethodSection(_Section):
+    """The method, and what makes VHS out of an actor-critic: goals, prototypes, relabelling."""
+
+    name: MethodName = "vhs"
+    """What `vhs.learning.methods` makes of the parts below; a key of a part that a method lacks does
+    nothing."""
+    embedding: Embedding = "prototype"
+    """What names a goal to the policy: `prototype` (paper: PG), or `word`, a learned vector a goal class; the
+    method's own unless given."""
+    supcon_weight: NonNegativeFloat = 0.5
+    """Weight of the SupCon loss (paper: 0.5)."""
+    supcon_batch: Annotated[int, Field(ge=2)] = 16
+    """Goal images in a SupCon batch of a learner (paper: 64; a quarter of it serves as well)."""
+    supcon_temperature: PositiveFloat = 0.07
+    """Temperature tau_s (paper: 0.07)."""
+    warmup: PositiveInt = 100
+    """Goal images in the store before the loss on them starts (paper: 150), and with it running prototypes:
+    until then no goal can be told from another. An exact one starts with the first image of its class."""
+    goal_capacity: PositiveInt = 500
+    """Goal images kept a class, the oldest leave first (the paper gives no bound)."""
+    prototype: Literal["running", "exact"] = "running"
+    """`running` reuses the features of the SupCon batch; `exact` embeds `prototype_samples` images a class
+    (paper)."""
+    prototype_momentum: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.9
+    """Share of the old prototype that a running update keeps."""
+    prototype_samples: PositiveInt = 64
+    """Images a class behind an exact prototype (paper: 64)."""
+    relabel_probability: Probability = 0.8
+    """Chance that an episode of `relabel_on` is relabelled (paper: eta = 0.8)."""
+    relabel_on: tuple[OutcomeName, ...] = ("failure",)
+    """Outcomes that are relabelled (paper: failure; its ablation adds timeout; Ghosh et al. take all)."""
+    hindsight_discount: Probability = 0.7
+    """Weight of an imitated action for each step between it and the end of its episode (paper: 1); below 1
+    the approach to the goal counts more than the wandering before it."""
+    vhs_weight: NonNegativeFloat = 1.0
+    """Weight of the self-imitation loss (paper: beta, no number given)."""
+    hindsight_goal: Literal["feature", "prototype"] = "prototype"
+    """Goal of a relabelled episode: `feature` is f(o_T) (paper); `prototype` the class prototype nearest to
+    f(o_T) in angle, which is what the policy is asked for when acting."""
+    value_target: Literal["behaviour", "hindsight_return"] = "behaviour"
+    """Target of the hindsight value: the critic's value when acting (paper), or the return as if it had
+    succeeded."""
+    discriminator_weight: NonNegativeFloat = 0.5
+    """Weight of GDAN's goal-discriminator loss (Kim et al. 2021, their code: 0.5)."""
+
+    @property
+    def parts(self) -> Parts:
+        """What the method is made of."""
+        return METHODS[self.name]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _own_embedding(cls, given: Any) -> Any:
+        if isinstance(given, dict) and given.get("embedding") is None:
+            parts = METHODS.get(str(given.get("name", "vhs")), METHODS["vhs"])
+            return given | {"embedding": parts.embedding}
+        return given
+
+    @model_validator(mode="after")
+    def _parts_fit_together(self) -> MethodSection:
+        check_parts(self.name, self.embedding, self.relabel_probability, self.relabel_on, self.vhs_weight)
+        return self
+
+
+class TrainSection(_Section):
+    """The optimisation and the bookkeeping of a run."""
+
+    episodes: PositiveInt = 30_000
+    """Episodes until the run is finished; a longer run gains most with `schedule_episodes` as long."""
+    episodes_per_update: PositiveInt = 4
+    """Episodes behind an optimiser step (paper: 1; a trial with 16 needed 2.7 times the episodes of 4)."""
+    learners: PositiveInt = 1
+    """Threads that share the episodes of an update, each with a SupCon batch and batch statistics of its own;
+    their gradients are averaged. Two use two cores (paper: 5 asynchronous processes)."""
+    learning_rate: PositiveFloat = 5e-4
+    """Adam with AMSGrad, at the start (paper: 1e-4 for one episode an update; at 1e-3 trained policies
+    collapse); the method's own unless given."""
+    learning_rate_end: PositiveFloat | None = 2e-5
+    """Learning rate from `schedule_episodes` on, reached linearly; null keeps `learning_rate` (paper). Unless
+    given, it is at most `learning_rate`."""
+    schedule_episodes: PositiveInt = 30_000
+    """Episodes over which learning rate and entropy weight move to their ends."""
+    gamma: Probability = 0.95
+    """Discount (paper: 0.99; then a goal in view is worth little more than one that is not)."""
+    return_lambda: Probability = 0.75
+    """Lambda of the returns: 1 is Monte-Carlo (paper); less trusts the critic's next values in part, and what
+    is left of timeouts goes twice as fast."""
+    reward_scale: PositiveFloat = 0.1
+    """Factor on the environment's reward; at 1 the policy's entropy collapses."""
+    value_weight: NonNegativeFloat = 5.0
+    """Weight of the critic's loss (paper: 0.5). The critic teaches the extractor to see a goal that is small
+    and far: the value jumps there, while the policy alone loses little by turning past it."""
+    entropy_weight: NonNegativeFloat = 0.03
+    """Entropy coefficient at the start (paper: 0.01; then one of the two turns dies out early)."""
+    entropy_weight_end: NonNegativeFloat | None = 0.004
+    """Entropy coefficient from `schedule_episodes` on, reached linearly; null keeps `entropy_weight` (paper).
+    Unless given, it is at most `entropy_weight`."""
+    max_grad_norm: PositiveFloat = 10.0
+    """Gradient clip (paper: 10)."""
+    precision: Literal["auto", "float32", "bfloat16"] = "auto"
+    """Type of the convolutions; `auto` takes bfloat16 where the CPU multiplies it in hardware."""
+    device: str = "auto"
+    """Where torch computes, as torch names it (``cpu``, ``cuda:1``); ``auto`` is CUDA where there is one."""
+    threads: PositiveInt = 1
+    """Threads of torch: two spinning threads collapse as soon as another process is busy."""
+    log_every: PositiveInt = 500
+    """Episodes between two rows of the log; rates are over that window."""
+    checkpoint_every_s: PositiveFloat = 300.0
+    """Seconds between two checkpoints."""
+    keep_checkpoints: PositiveInt = 2
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_rise_unasked(cls, given: Any) -> Any:
+        """Who starts below the end that is the default, as with no entropy bonus at all, stays there."""
+        if isinstance(given, dict):
+            for name in ("learning_rate", "entropy_weight"):
+                end = f"{name}_end"
+                if end not in given and _is_below(given.get(name), cls.model_fields[end].default):
+                    given = given | {end: given[name]}
+        return given
+
+
+class Config(_Section):
+    """Everything that defines a run; frozen once resolved."""
+
+    task: Literal["task1", "task2", "task3"] = "task2"
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    env: EnvSection = Field(default_factory=EnvSection)
+    model: ModelSection = Field(default_factory=ModelSection)
+    method: MethodSection = Field(default_factory=MethodSection)
+    train: TrainSection = Field(default_factory=TrainSection)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _own_learning_rate(cls, given: Any) -> Any:
+        match given:
+            case {"method": {"name": str(name)}} if name in METHODS and METHODS[name].learning_rate:
+                train = given.get("train", {})
+                if isinstance(train, dict):
+                    return given | {"train": {"learning_rate": METHODS[name].learning_rate} | train}
+        return given
+
+    @model_validator(mode="after")
+    def _workers_share_rooms(self) -> Config:
+        env = self.env
+        if env.num_workers and env.num_envs % env.num_workers:
+            raise ValueError(
+                f"env.num_envs: expected a multiple of env.num_workers = {env.num_workers}, "
+                f"found {env.num_envs}"
+            )
+        if env.min_ready is not None and env.min_ready > env.num_envs:
+            raise ValueError(
+                f"env.min_ready: expected at most env.num_envs = {env.num_envs}, found {env.min_ready}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _learners_share_episodes(self) -> Config:
+        if self.train.episodes_per_update % self.train.learners:
+            raise ValueError(
+                f"train.episodes_per_update: expected a multiple of train.learners = {self.train.learners}, "
+                f"found {self.train.episodes_per_update}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _warmup_fits_store(self) -> Config:
+        if self.method.warmup > self.method.goal_capacity:
+            raise ValueError(
+                f"method.warmup: expected at most method.goal_capacity = {self.method.goal_capacity}, "
+                f"found {self.method.warmup}; with one class alone the store would never hold that many"
+            )
+        return self
+
+
+def _is_below(value: Any, limit: float) -> bool:
+    """Whether a value that is not checked yet is a number below the limit."""
+    try:
+        return float(value) < limit
+    except (TypeError, ValueError):
+        return False

@@ -1,0 +1,1 @@
+"""Learning: what an update does with finished episodes, and the methods made of it."""

@@ -1,0 +1,1 @@
+"""Runs on the disk: their directories, checkpoints, logs and evaluations, and how they are read back."""

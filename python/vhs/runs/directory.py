@@ -1,0 +1,215 @@
+"""The directory of a run: which configuration made it, and with what."""
+
+from __future__ import annotations
+
+import json
+import platform
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, TextIO
+
+from vhs import __version__
+from vhs.config import Config, dump_config, load_config
+from vhs.config.variants import differing_keys, flat_config
+from vhs.errors import CheckpointError, ConfigError
+from vhs.runs.checkpoint import newest_checkpoint, remove_partial_checkpoints
+
+CONFIG_NAME = "config.yaml"
+META_NAME = "run.json"
+LOCK_NAME = ".lock"
+AGENT_NAME = "agent.safetensors"
+"""Only in the directory of an exported agent."""
+
+MAY_CHANGE = frozenset(
+    {
+        "env.num_workers",
+        "train.episodes",
+        "train.checkpoint_every_s",
+        "train.keep_checkpoints",
+        "train.threads",
+        "train.device",
+        "train.log_every",
+    }
+)
+"""Keys that a resumed run may set anew: none of them changes what is learned from an episode, but for
+rounding where `train.threads` or `train.device` changes, and for its order without lock-step."""
+
+
+def default_run_directory(config: Config) -> Path:
+    """Where a run goes when nobody says: the same command finds the same directory again."""
+    return Path("runs") / f"{config.task}-{config.method.name}-seed{config.seed}"
+
+
+def check_run(config: Config, run: Path) -> None:
+    """Check that a directory is free, or holds a run of the same configuration.
+
+    Raises:
+        CheckpointError: another configuration made the run, or it is an exported agent.
+    """
+    if is_exported(run):
+        raise CheckpointError(f"{run}: holds an exported agent, which cannot train on; give another --out")
+    if (run / CONFIG_NAME).exists():
+        changed = _changed_keys(read_config(run), config) - MAY_CHANGE
+        if changed:
+            raise CheckpointError(
+                f"{run}: holds a run with other values of {', '.join(sorted(changed))}; "
+                "give another --out, or the configuration it was made with"
+            )
+
+
+@contextmanager
+def open_run(config: Config, run: Path, *, precision: str, episodes: int) -> Iterator[None]:
+    """Make the directory, say in it what makes the run, remove what a kill left half-written, and hold it.
+
+    Args:
+        config: what the run is made with.
+        run: its directory.
+        precision: type in which this machine's convolutions multiply.
+        episodes: of the checkpoint that the run goes on from; 0 for a new run.
+
+    Raises:
+        CheckpointError: the directory cannot be written, or another process trains in it or has gone on
+            since the checkpoint was read.
+    """
+    try:
+        run.mkdir(parents=True, exist_ok=True)
+        lock = (run / LOCK_NAME).open("w")
+    except OSError as error:
+        raise _cannot_write(run, error) from error
+    with lock:
+        _hold(lock, run)
+        try:
+            if newest_checkpoint(run) != episodes:
+                raise CheckpointError(f"{run}: another process has just trained here; start again")
+            remove_partial_checkpoints(run)
+            for temporary in run.glob("*.tmp"):
+                temporary.unlink()
+            _write(run / CONFIG_NAME, dump_config(config))
+            if episodes < config.train.episodes:  # a start that trains nothing makes nothing
+                meta = _meta(run, describe() | {"precision": precision}, episodes)
+                _write(run / META_NAME, json.dumps(meta, indent=2) + "\n")
+        except OSError as error:
+            raise _cannot_write(run, error) from error
+        yield
+
+
+def _meta(run: Path, start: dict[str, Any], episodes: int) -> dict[str, Any]:
+    """What made the run first, and under `resumed` every later start, maybe of another machine or commit."""
+    if not episodes:
+        return start
+    try:
+        first = read_meta(run)
+    except CheckpointError:  # lost: the later starts are better than nothing
+        first = {}
+    return first | {"resumed": [*first.get("resumed", []), {"episodes": episodes, **start}]}
+
+
+def _hold(lock: TextIO, run: Path) -> None:
+    """Hold a file until it is closed or this process ends; workers do not inherit the lock."""
+    try:
+        import fcntl
+    except ImportError:  # no such locks here
+        return
+    try:
+        fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError) as error:
+        raise CheckpointError(
+            f"{run}: another process trains here; wait for it, or give another --out"
+        ) from error
+    except OSError:  # nor on this file system
+        return
+
+
+def _cannot_write(run: Path, error: OSError) -> CheckpointError:
+    return CheckpointError(f"{run}: cannot write the run: {error.strerror}")
+
+
+def read_config(run: Path) -> Config:
+    """The configuration that made a run.
+
+    Raises:
+        CheckpointError: `run` is not the directory of a run.
+    """
+    path = run / CONFIG_NAME
+    if not path.exists():
+        raise CheckpointError(f"{run}: expected the directory of a run, found no {CONFIG_NAME} in it")
+    try:
+        return load_config([path])
+    except ConfigError as error:
+        raise CheckpointError(f"{path}: damaged configuration: {error}") from error
+
+
+def is_exported(path: Path) -> bool:
+    """Whether a directory holds an exported agent instead of a run."""
+    return (path / AGENT_NAME).exists()
+
+
+def read_meta(run: Path) -> dict[str, Any]:
+    """What made a run: `describe` at its first start, and at every later one in the list ``resumed``.
+
+    Raises:
+        CheckpointError: the file is missing or damaged.
+    """
+    path = run / META_NAME
+    try:
+        meta = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise CheckpointError(f"{path}: cannot be read: {error.strerror}") from error
+    except ValueError as error:
+        raise CheckpointError(f"{path}: expected JSON, found {error}") from error
+    if not isinstance(meta, dict):
+        raise CheckpointError(f"{path}: expected a JSON object, found {type(meta).__name__}")
+    return meta
+
+
+def describe() -> dict[str, Any]:
+    """What made a result: command, version, commit, machine and time."""
+    return {
+        "command": shlex.join(["vhs", *sys.argv[1:]]),
+        "version": __version__,
+        "commit": _commit(),
+        "python": platform.python_version(),
+        "machine": f"{platform.machine()}, {_processor()}",
+        "time": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def _changed_keys(old: Config, new: Config) -> set[str]:
+    return set(differing_keys([flat_config(old), flat_config(new)]))
+
+
+def _write(path: Path, text: str) -> None:
+    temporary = path.with_name(path.name + ".tmp")
+    temporary.write_text(text, encoding="utf-8")
+    temporary.replace(path)
+
+
+def _commit() -> str | None:
+    """The commit of the checkout that this package lies in, if it lies in one."""
+    here = Path(__file__).parent
+    try:
+        answer = subprocess.run(
+            ["git", "describe", "--always", "--dirty", "--abbrev=12"],
+            cwd=here,
+            capture_output=True,
+            text=True,
+            timeout=10,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return answer.stdout.strip() or None
+
+
+def _processor() -> str:
+    """The processor's name where Linux tells it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return f"{names[0]} x{len(names)}" if names else platform.processor()

@@ -1,0 +1,70 @@
+"""The evaluations of a run: `eval.json` in its directory, an entry for each way in which it was evaluated."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from vhs.errors import CheckpointError
+from vhs.runs.files import write_texts
+
+EVALUATIONS_NAME = "eval.json"
+
+_IDENTITY: Mapping[str, type] = {"trained_episodes": int, "seed": int, "greedy": bool, "episodes": int}
+"""What tells two evaluations of a run apart; the same again replaces the old entry."""
+_RATES = ("success", "failure", "timeout", "spl")
+
+
+def record_evaluation(run: Path, evaluation: Mapping[str, Any]) -> None:
+    """Add an evaluation to those of a run, or replace the one of the same episodes.
+
+    Args:
+        run: directory of the run.
+        evaluation: the fields of `Evaluation` by name.
+
+    Raises:
+        CheckpointError: the present `eval.json` is damaged; it stays as it is.
+        OutputError: the directory cannot be written.
+    """
+    others = [entry for entry in read_evaluations(run) if _identity(entry) != _identity(evaluation)]
+    entries = sorted([*others, dict(evaluation)], key=_identity)
+    write_texts(run, {EVALUATIONS_NAME: json.dumps(entries, indent=2) + "\n"})
+
+
+def read_evaluations(run: Path) -> list[dict[str, Any]]:
+    """The evaluations of a run, none if it has no `eval.json`.
+
+    Raises:
+        CheckpointError: the file is damaged or cannot be read.
+    """
+    path = run / EVALUATIONS_NAME
+    try:
+        entries = json.loads(path.read_bytes())
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        raise CheckpointError(f"{path}: cannot read the evaluations: {error.strerror}") from error
+    except ValueError as error:
+        raise CheckpointError(
+            f"{path}: expected JSON, found {error}; delete it and evaluate again"
+        ) from error
+    if not isinstance(entries, list) or not all(map(_is_evaluation, entries)):
+        raise CheckpointError(
+            f"{path}: expected a list of evaluations with {', '.join([*_IDENTITY, *_RATES])}; "
+            "delete it and evaluate again"
+        )
+    return entries
+
+
+def _identity(evaluation: Mapping[str, Any]) -> tuple[Any, ...]:
+    return tuple(evaluation[name] for name in _IDENTITY)
+
+
+def _is_evaluation(entry: Any) -> bool:
+    return (
+        isinstance(entry, dict)
+        and all(type(entry.get(name)) is kind for name, kind in _IDENTITY.items())
+        and all(isinstance(entry.get(name), int | float) and 0 <= entry[name] <= 1 for name in _RATES)
+    )

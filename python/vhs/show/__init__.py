@@ -1,0 +1,1 @@
+"""What people are shown of an episode: its moments, and pictures of them."""

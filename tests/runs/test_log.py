@@ -1,0 +1,89 @@
+"""The log of a run: every episode once, no torn line, numbers that JSON can hold."""
+
+import json
+from io import StringIO
+from pathlib import Path
+
+import pytest
+import torch
+
+from vhs import Outcome
+from vhs.acting.episodes import EndedEpisode
+from vhs.errors import CheckpointError, OutputError
+from vhs.runs.log import RunLog, Window, read_log
+
+
+def row(episodes: int, **more: float) -> dict[str, float]:
+    return {
+        "episodes": episodes,
+        "rate/success": 0.5,
+        "rate/failure": 0.25,
+        "rate/timeout": 0.25,
+        "speed/steps_per_s": 100.0,
+        "time/minutes": 1.0,
+        **more,
+    }
+
+
+def write(run: Path, first: int, *rows: dict[str, float]) -> str:
+    told = StringIO()
+    with RunLog(run, 100, first, told) as log:
+        for one in rows:
+            log.write(one)
+    return told.getvalue()
+
+
+def ended(outcome: Outcome, steps: int, episode_return: float) -> EndedEpisode:
+    return EndedEpisode(0, 0, 0, 0, outcome, steps, episode_return, torch.zeros(1), -1)
+
+
+def test_rows_behind_the_checkpoint_are_dropped_on_resume(tmp_path: Path) -> None:
+    write(tmp_path, 0, row(10), row(20), row(30))
+    write(tmp_path, 20, row(30, again=1.0))
+    assert [one["episodes"] for one in read_log(tmp_path)] == [10, 20, 30]
+    assert "again" in read_log(tmp_path)[-1]
+
+
+def test_a_torn_last_line_is_left_out_and_then_cleaned(tmp_path: Path) -> None:
+    write(tmp_path, 0, row(10))
+    with (tmp_path / "log.jsonl").open("a") as file:
+        file.write('{"episodes": 20, "rate/succ')
+    assert [one["episodes"] for one in read_log(tmp_path)] == [10]
+    write(tmp_path, 10, row(20))
+    assert [one["episodes"] for one in read_log(tmp_path)] == [10, 20]
+
+
+@pytest.mark.parametrize("line", [b'{"episodes": 2', b"[1]", b"{}", b"", b"\xff\xfe"])
+def test_a_damaged_line_is_named(line: bytes, tmp_path: Path) -> None:
+    write(tmp_path, 0, row(10), row(20))
+    path = tmp_path / "log.jsonl"
+    lines = path.read_bytes().splitlines()
+    path.write_bytes(b"\n".join([lines[0], line, lines[1]]) + b"\n")
+    with pytest.raises(CheckpointError, match=r"log\.jsonl:2: damaged line: expected a JSON object"):
+        read_log(tmp_path)
+
+
+def test_a_log_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+    (tmp_path / "log.jsonl").mkdir()
+    with pytest.raises((OutputError, CheckpointError), match=f"^{tmp_path}: cannot write the run: "):
+        write(tmp_path, 0, row(10))
+
+
+def test_numbers_that_json_cannot_hold_become_null(tmp_path: Path) -> None:
+    write(tmp_path, 0, row(10, bad=float("nan")))
+    assert json.loads((tmp_path / "log.jsonl").read_text())["bad"] is None
+
+
+def test_a_pipe_gets_one_whole_line_a_row(tmp_path: Path) -> None:
+    lines = write(tmp_path, 0, row(10), row(20)).splitlines()
+    assert len(lines) == 2
+    assert "20 episodes  success 50.0%  failure 25.0%  timeout 25.0%  100 steps/s" in lines[1]
+
+
+def test_a_window_averages_a_loss_over_the_updates_that_had_it() -> None:
+    window = Window()
+    window.add_update({"policy": 1.0})
+    window.add_update({"policy": 3.0, "supcon": 5.0})
+    assert window.losses() == {"policy": 2.0, "supcon": 5.0}
+    window.episodes += [ended(Outcome.SUCCESS, 4, 10.0), ended(Outcome.TIMEOUT, 20, -0.3)]
+    assert window.rates() == {"success": 0.5, "failure": 0.0, "timeout": 0.5, "steps": 12.0, "return": 4.85}
