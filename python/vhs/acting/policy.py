@@ -16,7 +16,7 @@ from vhs.config import Config
 from vhs.learning.algorithms import VHS
 from vhs.runs.checkpoint import fitting, load_checkpoint
 from vhs.runs.directory import AGENT_NAME, is_exported, read_config
-from vhs.train.build import check_runnable, make_envs, make_learner, to_act_here
+from vhs.train.build import check_runnable, make_envs, make_learner, make_spec, to_act_here
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ def load_agent(path: Path | str) -> TrainedAgent:
     config = to_act_here(read_config(path))
     check_runnable(config)
     with closing(make_envs(config, 1)[0]) as env:
-        learner = make_learner(config, env)
+        learner = make_learner(config, make_spec(config, env))
     learner.agent.eval()
     if is_exported(path):
         from vhs.runs.agent_file import read_agent

@@ -25,7 +25,7 @@ from vhs.config import Config
 from vhs.envs import optimal_steps
 from vhs.envs.oracle import NoPlanError
 from vhs.runs.log import summarise
-from vhs.train.build import make_buffer, make_envs
+from vhs.train.build import make_buffer, make_envs, make_spec
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ def _play(trained: TrainedAgent, *, episodes: int, seed: int, greedy: bool) -> l
     config, learner = trained.config, trained.learner
     envs = make_envs(config, min(config.env.num_envs, episodes))
     actor = trained.actor(seed, greedy, len(envs))
-    buffer = make_buffer(config, envs[0], len(envs), len(envs))
+    buffer = make_buffer(config, make_spec(config, envs[0]), len(envs), len(envs))
     seeds = islice(episode_seeds(seed, purpose=1), episodes)
     rollout = Rollout(LocalRooms(envs), len(envs), actor, buffer, learner.embed_goal, seeds)
     ended: list[EndedEpisode] = []

@@ -9,11 +9,11 @@ from functools import partial
 from typing import Any
 
 import gymnasium
-import numpy as np
 import torch
 
 from vhs import EpisodeBuffer, GoalStore, Prototypes, Rng
 from vhs.acting.stepping import LocalRooms, PooledRooms, Rooms
+from vhs.buffer import make_buffer as buffer_of
 from vhs.config import Config
 from vhs.config.load import unknown_key
 from vhs.envs import OBJECT_NAMES, TASKS, RoomConfig, Task
@@ -21,6 +21,7 @@ from vhs.envs.rendering import check_renderer
 from vhs.errors import ConfigError
 from vhs.learning.algorithms import ALGORITHMS, VHS
 from vhs.models import DiscriminativeAgent, FeatureExtractor, GoalAgent, pick_device
+from vhs.task import TaskSpec, read_spec
 
 
 def room_config(config: Config) -> RoomConfig:
@@ -68,20 +69,31 @@ def make_rooms(config: Config, count: int) -> Rooms:
     return PooledRooms(pool, config.env.min_ready)
 
 
-def make_agent(config: Config, env: gymnasium.Env[Any, Any]) -> GoalAgent:
-    """Networks that fit the spaces of `env`, initialised from the run's seed alone."""
-    image, interactions, actions = _spaces(env)
-    model, classes = config.model, num_goals(env)
+def make_spec(config: Config, env: gymnasium.Env[Any, Any]) -> TaskSpec:
+    """Sizes and types of the configured task, read off one of its environments."""
+    room = room_config(config)
+    return read_spec(
+        env,
+        max_episode_steps=room.horizon_steps,
+        interactions=task_of(config).interactions,
+        success_reward=room.reward_success + room.reward_step,
+    )
+
+
+def make_agent(config: Config, spec: TaskSpec) -> GoalAgent:
+    """Networks that fit a task, initialised from the run's seed alone."""
+    model, classes = config.model, spec.num_goals
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
-        extractor = FeatureExtractor(image, model.frame_stack, model.channels, model.feature_dim)
+        extractor = FeatureExtractor(spec.frame_shape, model.frame_stack, model.channels, model.feature_dim)
         kind: Callable[..., GoalAgent] = GoalAgent
         if config.method.name == "gdan":
             kind = partial(DiscriminativeAgent, num_goals=classes)
         agent = kind(
             extractor,
-            num_actions=actions,
-            num_interactions=interactions,
+            num_actions=spec.num_actions,
+            # Where an instruction names no interaction, all are asked for the same one.
+            num_interactions=max(1, spec.num_interactions),
             hidden_dim=model.hidden_dim,
             head_dim=model.head_dim,
             interaction_dim=model.interaction_dim,
@@ -90,34 +102,36 @@ def make_agent(config: Config, env: gymnasium.Env[Any, Any]) -> GoalAgent:
     return agent.to(pick_device(config.train.device))
 
 
-def make_buffer(
-    config: Config, env: gymnasium.Env[Any, Any], num_streams: int, num_waiting: int
-) -> EpisodeBuffer:
+def make_buffer(config: Config, spec: TaskSpec, num_streams: int, num_waiting: int) -> EpisodeBuffer:
     """An episode buffer for `num_streams` running and `num_waiting` ended episodes."""
-    image, interactions, _ = _spaces(env)
-    horizon = room_config(config).horizon_steps
-    return EpisodeBuffer(
-        image,
+    return buffer_of(
+        spec,
         num_streams=num_streams,
-        max_episode_steps=horizon,
-        capacity_steps=(num_streams + num_waiting) * horizon,
+        capacity_steps=(num_streams + num_waiting) * spec.max_episode_steps,
         frame_stack=config.model.frame_stack,
-        num_goals=num_goals(env),
-        num_interactions=interactions,
     )
 
 
-def make_learner(config: Config, env: gymnasium.Env[Any, Any]) -> VHS:
-    """The learner at its beginning, before any episode."""
-    image, _, _ = _spaces(env)
-    room, method, classes = room_config(config), config.method, num_goals(env)
+def make_learner(config: Config, spec: TaskSpec) -> VHS:
+    """The learner at its beginning, before any episode.
+
+    Raises:
+        ConfigError: the method asks for what the task does not say.
+    """
+    method, classes = config.method, spec.num_goals
+    if method.value_target == "hindsight_return" and spec.success_reward is None:
+        raise ConfigError(
+            "method.value_target: expected behaviour for a task that does not say what a success pays, "
+            "found hindsight_return"
+        )
+    image = (config.model.frame_stack, *spec.frame_shape)
     return ALGORITHMS[method.name](
-        make_agent(config, env),
-        GoalStore(classes, (config.model.frame_stack, *image), method.goal_capacity, seed=config.seed),
+        make_agent(config, spec),
+        GoalStore(classes, image, method.goal_capacity, seed=config.seed),
         Prototypes(classes, config.model.feature_dim, momentum=prototype_momentum(config), seed=config.seed),
         method=method,
         train=config.train,
-        success_reward=room.reward_success + room.reward_step,
+        success_reward=spec.success_reward or 0.0,
         dtype=convolution_dtype(config),
         rng=Rng(config.seed),
     )
@@ -178,11 +192,6 @@ def check_runnable(config: Config) -> None:
         raise ConfigError(f"train.device: {config.train.device!r} cannot be used: {error}") from error
 
 
-def num_goals(env: gymnasium.Env[Any, Any]) -> int:
-    """Number of goal classes of `env`."""
-    return int(_space(env)["goal"].n)
-
-
 def _has_workers() -> bool:
     """Whether rooms can be stepped in worker processes here."""
     return sys.platform.startswith("linux")
@@ -190,15 +199,3 @@ def _has_workers() -> bool:
 
 def _cpu_multiplies_bfloat16() -> bool:
     return bool(torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported())
-
-
-def _space(env: gymnasium.Env[Any, Any]) -> Any:
-    """The observation space as the untyped mapping that it is."""
-    return env.observation_space
-
-
-def _spaces(env: gymnasium.Env[Any, Any]) -> tuple[tuple[int, ...], int, int]:
-    """Frame shape, number of interactions, number of actions."""
-    space, actions = _space(env), env.action_space
-    assert isinstance(actions, gymnasium.spaces.Discrete)
-    return tuple(space["image"].shape), int(space["interaction"].n), int(np.int64(actions.n))

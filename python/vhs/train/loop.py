@@ -26,6 +26,7 @@ from vhs.train.build import (
     make_envs,
     make_learner,
     make_rooms,
+    make_spec,
 )
 from vhs.train.interrupt import stop_on_signal
 from vhs.train.memory import keep_freed_memory
@@ -107,12 +108,13 @@ class Session:
         self._run = run
         self.progress = Progress()
         env, streams = make_envs(config, 1)[0], config.env.num_envs
-        self._learner = make_learner(config, env)
+        spec = make_spec(config, env)
+        self._learner = make_learner(config, spec)
         self._generator = torch.Generator().manual_seed(config.seed)
         self._window = Window()
         with fitting(run):
             state = self._restore() if has_checkpoint(run) else None
-        self._buffer = make_buffer(config, env, streams, streams + config.train.episodes_per_update)
+        self._buffer = make_buffer(config, spec, streams, streams + config.train.episodes_per_update)
         actor = Actor(self._learner.agent, streams, dtype=self._learner.dtype, generator=self._generator)
         self._begun_before = self.progress.begun
         seeds = episode_seeds(config.seed, first=self._begun_before)
