@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from dataclasses import fields
-from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
 import torch
 
-from vhs import EpisodeBuffer, GoalStore, Prototypes, Rng
+from vhs import EpisodeBuffer, Rng
 from vhs.acting.stepping import LocalRooms, PooledRooms, Rooms
 from vhs.config import Config
 from vhs.config.load import unknown_key
 from vhs.envs import OBJECT_NAMES, TASKS, RoomConfig, Task
 from vhs.envs.rendering import check_renderer
 from vhs.errors import ConfigError
-from vhs.learning.algorithms import ALGORITHMS, VHS
-from vhs.models import DiscriminativeAgent, FeatureExtractor, GoalAgent, pick_device
+from vhs.learning.goals import make_goals
+from vhs.learning.learner import Learner
+from vhs.models import make_agent, pick_device
 
 
 def room_config(config: Config) -> RoomConfig:
@@ -68,26 +67,21 @@ def make_rooms(config: Config, count: int) -> Rooms:
     return PooledRooms(pool, config.env.min_ready)
 
 
-def make_agent(config: Config, env: gymnasium.Env[Any, Any]) -> GoalAgent:
-    """Networks that fit the spaces of `env`, initialised from the run's seed alone."""
+class Spec(NamedTuple):
+    """What a learner must know of a task."""
+
+    frame_shape: tuple[int, ...]
+    num_actions: int
+    num_interactions: int
+    num_goals: int
+    success_reward: float
+
+
+def make_spec(config: Config, env: gymnasium.Env[Any, Any]) -> Spec:
+    """The sizes of a room, and what it pays for the last step of a success."""
     image, interactions, actions = _spaces(env)
-    model, classes = config.model, num_goals(env)
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(config.seed)
-        extractor = FeatureExtractor(image, model.frame_stack, model.channels, model.feature_dim)
-        kind: Callable[..., GoalAgent] = GoalAgent
-        if config.method.name == "gdan":
-            kind = partial(DiscriminativeAgent, num_goals=classes)
-        agent = kind(
-            extractor,
-            num_actions=actions,
-            num_interactions=interactions,
-            hidden_dim=model.hidden_dim,
-            head_dim=model.head_dim,
-            interaction_dim=model.interaction_dim,
-            num_words=classes if config.method.embedding == "word" else 0,
-        )
-    return agent.to(pick_device(config.train.device))
+    room = room_config(config)
+    return Spec(image, actions, interactions, num_goals(env), room.reward_success + room.reward_step)
 
 
 def make_buffer(
@@ -107,25 +101,18 @@ def make_buffer(
     )
 
 
-def make_learner(config: Config, env: gymnasium.Env[Any, Any]) -> VHS:
+def make_learner(config: Config, spec: Spec) -> Learner:
     """The learner at its beginning, before any episode."""
-    image, _, _ = _spaces(env)
-    room, method, classes = room_config(config), config.method, num_goals(env)
-    return ALGORITHMS[method.name](
-        make_agent(config, env),
-        GoalStore(classes, (config.model.frame_stack, *image), method.goal_capacity, seed=config.seed),
-        Prototypes(classes, config.model.feature_dim, momentum=prototype_momentum(config), seed=config.seed),
-        method=method,
+    agent, dtype = make_agent(config, spec), convolution_dtype(config)
+    return Learner(
+        agent,
+        make_goals(config, agent, spec.num_goals, dtype),
+        method=config.method,
         train=config.train,
-        success_reward=room.reward_success + room.reward_step,
-        dtype=convolution_dtype(config),
+        success_reward=spec.success_reward,
+        dtype=dtype,
         rng=Rng(config.seed),
     )
-
-
-def prototype_momentum(config: Config) -> float:
-    """Share of the old prototype kept by an update: none when prototypes are exact."""
-    return config.method.prototype_momentum if config.method.prototype == "running" else 0.0
 
 
 def convolution_dtype(config: Config) -> torch.dtype:
@@ -160,7 +147,7 @@ def check_runnable(config: Config) -> None:
     """
     room_config(config)
     method, goals = config.method, len(OBJECT_NAMES)
-    has_supcon = method.parts.goal_loss == "supcon" and method.supcon_weight > 0
+    has_supcon = "supcon" in method.row.terms and method.supcon_weight > 0
     if has_supcon and method.supcon_batch <= goals:
         raise ConfigError(
             f"method.supcon_batch: expected more than {goals}, the number of goals, so that SupCon finds two "
