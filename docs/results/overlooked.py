@@ -18,7 +18,7 @@ import numpy as np
 
 from vhs import Outcome, RasterRenderer
 from vhs.acting.episodes import Rollout, episode_seeds
-from vhs.acting.policy import TrainedAgent, load_agent
+from vhs.acting.policy import Policy, load_agent
 from vhs.acting.stepping import LocalRooms
 from vhs.envs import OBJECT_NAMES, RoomEnv
 from vhs.envs.robot import CAMERA
@@ -51,12 +51,12 @@ class Visible:
         return int((np.isin(ids, geoms) & (kinds == int(mujoco.mjtObj.mjOBJ_GEOM))).sum())
 
 
-def watch(trained: TrainedAgent, episodes: int, seed: int, greedy: bool) -> list[dict[str, Any]]:
+def watch(trained: Policy, episodes: int, seed: int, greedy: bool) -> list[dict[str, Any]]:
     """Play as `vhs eval` does, then look at each episode again."""
     envs = make_envs(trained.config, 16)
     buffer = make_buffer(trained.config, make_spec(trained.config, envs[0]), len(envs), len(envs))
     seeds = islice(episode_seeds(seed, purpose=1), episodes)
-    actor, embed = trained.actor(seed, greedy, len(envs)), trained.learner.embed_goal
+    actor, embed = trained.actor(seed, greedy, len(envs)), trained.goals.begin
     rollout = Rollout(LocalRooms(envs), len(envs), actor, buffer, embed, seeds)
     room: RoomEnv = make_envs(trained.config, 1)[0].unwrapped  # type: ignore[assignment]
     visible = Visible(room)

@@ -12,11 +12,12 @@ from vhs.acting.actor import Actor
 from vhs.acting.episodes import Rollout, episode_seeds
 from vhs.acting.stepping import LocalRooms
 from vhs.config import Config, load_config
-from vhs.learning.algorithms import VHS
+from vhs.learning.learner import Learner
 from vhs.task import read_spec
 from vhs.train.build import make_buffer, make_learner
 
 ALGORITHMS = Path(__file__).parents[2] / "configs" / "algorithms"
+SMALL = Path(__file__).parent / "toy.yaml"
 FRAME = (16, 16, 3)
 STREAMS = 16
 
@@ -70,27 +71,10 @@ TOY = read_spec(ToyRoom(), max_episode_steps=6, interactions=2, success_reward=9
 
 def toy_config(name: str, *overrides: str) -> Config:
     """A method's overlay with networks that fit the toy room."""
-    small = [
-        "model.channels=[4,8,8,8]",
-        "model.feature_dim=16",
-        "model.hidden_dim=24",
-        "model.head_dim=16",
-        "method.warmup=12",
-        "method.supcon_batch=12",
-        "method.prototype_samples=4",
-        "train.learning_rate=3e-3",
-        "train.learning_rate_end=null",
-        "train.entropy_weight=0.01",
-        "train.entropy_weight_end=null",
-        "train.return_lambda=1.0",
-        "method.hindsight_goal=feature",
-        "method.hindsight_discount=1.0",
-        "train.precision=float32",
-    ]
-    return load_config([ALGORITHMS / f"{name}.yaml"], [*small, *overrides])
+    return load_config([SMALL, ALGORITHMS / f"{name}.yaml"], overrides)
 
 
-def toy_learner(name: str, *overrides: str) -> VHS:
+def toy_learner(name: str, *overrides: str) -> Learner:
     """The learner of a method at its beginning, built as for a real room."""
     return make_learner(toy_config(name, *overrides), TOY)
 
@@ -103,7 +87,7 @@ def play_toy(config: Config, episodes: int) -> float:
     generator = torch.Generator().manual_seed(config.seed)
     actor = Actor(learner.agent, STREAMS, dtype=learner.dtype, generator=generator)
     rooms = LocalRooms([ToyRoom() for _ in range(STREAMS)])
-    rollout = Rollout(rooms, STREAMS, actor, buffer, learner.embed_goal, episode_seeds(config.seed))
+    rollout = Rollout(rooms, STREAMS, actor, buffer, learner.goals.begin, episode_seeds(config.seed))
     waiting, outcomes = [], []
     while len(outcomes) < episodes:
         waiting += rollout.step()
@@ -112,6 +96,6 @@ def play_toy(config: Config, episodes: int) -> float:
             ids = np.array([episode.id for episode in ended])
             goals = torch.stack([episode.goal_embedding for episode in ended])
             learner.update([(buffer.gather(ids), goals)])
-            learner.goal_store.collect(buffer, ids)
+            learner.goals.collect(buffer, ids)
             outcomes += [episode.outcome for episode in ended]
     return float(np.mean([outcome == Outcome.SUCCESS for outcome in outcomes[-episodes // 4 :]]))

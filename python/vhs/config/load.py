@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import difflib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +12,15 @@ import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from vhs.config.schema import Config
+from vhs.config.schema import Config, idle_keys, unread_keys
 from vhs.errors import ConfigError
 
 
 def load_config(paths: Sequence[Path | str] = (), overrides: Iterable[str] = ()) -> Config:
     """Resolve a configuration: defaults, then each file in order, then each ``key=value``.
+
+    A file that names no method speaks to all of them: its keys reach the methods that read them. A whole
+    configuration, as a run saves it, may hold keys that its method does not read: earlier versions wrote all.
 
     Args:
         paths: YAML files, each a mapping of some of the sections of `Config`.
@@ -25,21 +28,27 @@ def load_config(paths: Sequence[Path | str] = (), overrides: Iterable[str] = ())
 
     Raises:
         ConfigError: a file that cannot be read, an unknown key (the nearest right one is named), a value of
-            the wrong type or out of range.
+            the wrong type or out of range, a key that the method does not read.
     """
     trees = [read_yaml(Path(path)) for path in paths]
-    return resolve_config([*trees, *(nest(*parse_assignment(text)) for text in overrides)])
+    return resolve_config(trees, (nest(*parse_assignment(text)) for text in overrides))
 
 
-def resolve_config(trees: Iterable[Mapping[str, Any]]) -> Config:
+def resolve_config(
+    overlays: Iterable[Mapping[str, Any]], assignments: Iterable[Mapping[str, Any]] = ()
+) -> Config:
     """Resolve a configuration from nested mappings, later ones over earlier ones.
+
+    Args:
+        overlays: as of files, see `load_config`.
+        assignments: over those; each is meant for the method that results.
 
     Raises:
         ConfigError: as `load_config`.
     """
-    tree: dict[str, Any] = {}
-    for overlay in trees:
-        _merge(tree, copy.deepcopy(overlay))
+    given, meant = list(overlays), list(assignments)
+    whole = _merged([*given, *meant])
+    tree = _merged([*(_heard(overlay, whole) for overlay in given), *meant])
     try:
         return Config.model_validate(tree)
     except ValidationError as error:
@@ -47,8 +56,9 @@ def resolve_config(trees: Iterable[Mapping[str, Any]]) -> Config:
 
 
 def dump_config(config: Config) -> str:
-    """The configuration as YAML that `load_config` reads back to the same value."""
-    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+    """The configuration as YAML that `load_config` reads back to the same value: the keys that are read."""
+    unread = {key for key, _ in unread_keys(config.method.parts)}
+    return yaml.safe_dump(_without(config.model_dump(mode="json"), unread), sort_keys=False)
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -112,6 +122,32 @@ def nest(key: str, value: Any) -> dict[str, Any]:
     for part in reversed(key.split(".")):
         value = {part: value}
     return dict(value)
+
+
+def _heard(overlay: Mapping[str, Any], whole: Mapping[str, Any]) -> Mapping[str, Any]:
+    """What an overlay has to say in the `whole` configuration that it is a part of."""
+    section = overlay.get("method")
+    if overlay.keys() >= Config.model_fields.keys():
+        return _without(overlay, idle_keys(overlay))
+    names_method = isinstance(section, Mapping) and "name" in section
+    return overlay if names_method else _without(overlay, idle_keys(whole))
+
+
+def _without(tree: Mapping[str, Any], keys: Container[str], prefix: str = "") -> dict[str, Any]:
+    """A nested mapping without some dotted keys."""
+    return {
+        key: _without(value, keys, f"{prefix}{key}.") if isinstance(value, Mapping) else value
+        for key, value in tree.items()
+        if f"{prefix}{key}" not in keys
+    }
+
+
+def _merged(trees: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Later mappings over earlier ones."""
+    tree: dict[str, Any] = {}
+    for overlay in trees:
+        _merge(tree, copy.deepcopy(overlay))
+    return tree
 
 
 def _merge(tree: dict[str, Any], overlay: Mapping[str, Any]) -> None:

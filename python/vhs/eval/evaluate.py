@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from vhs import Outcome
 from vhs.acting.episodes import EndedEpisode, Rollout, episode_seeds
-from vhs.acting.policy import TrainedAgent, load_agent
+from vhs.acting.policy import Policy, load_agent
 from vhs.acting.stepping import LocalRooms
 from vhs.config import Config
 from vhs.envs import optimal_steps
@@ -92,14 +92,14 @@ def success_weighted_by_path_length(
     return float((success * optimal / np.maximum(taken, optimal)).mean()) if len(success) else 0.0
 
 
-def _play(trained: TrainedAgent, *, episodes: int, seed: int, greedy: bool) -> list[EndedEpisode]:
+def _play(trained: Policy, *, episodes: int, seed: int, greedy: bool) -> list[EndedEpisode]:
     """Run every episode once; their order does not matter to any mean."""
-    config, learner = trained.config, trained.learner
+    config = trained.config
     envs = make_envs(config, min(config.env.num_envs, episodes))
     actor = trained.actor(seed, greedy, len(envs))
     buffer = make_buffer(config, make_spec(config, envs[0]), len(envs), len(envs))
     seeds = islice(episode_seeds(seed, purpose=1), episodes)
-    rollout = Rollout(LocalRooms(envs), len(envs), actor, buffer, learner.embed_goal, seeds)
+    rollout = Rollout(LocalRooms(envs), len(envs), actor, buffer, trained.goals.begin, seeds)
     ended: list[EndedEpisode] = []
     while not rollout.is_done:
         ended += rollout.step()

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vhs.acting.episodes import episode_seeds
-from vhs.acting.policy import TrainedAgent, load_agent
+from vhs.acting.policy import Policy, load_agent
 from vhs.errors import OutputError
 from vhs.play.film import check_film_path, write_film
 from vhs.play.room import make_room
@@ -62,7 +62,7 @@ def play(
     return _show(run, moments) if out is None else _film(out, moments)
 
 
-def _moments(agent: TrainedAgent, seeds: Iterator[int], seed: int, greedy: bool) -> Iterator[Moment]:
+def _moments(agent: Policy, seeds: Iterator[int], seed: int, greedy: bool) -> Iterator[Moment]:
     room, actor = make_room(agent.config, is_drawn=True), agent.actor(seed, greedy)
     for episode_seed in seeds:
         yield from run_episode(agent, actor, room, episode_seed)

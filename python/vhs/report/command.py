@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from vhs import VhsError, __version__
-from vhs.acting.policy import TrainedAgent, load_agent
+from vhs.acting.policy import Policy, load_agent
 from vhs.errors import OutputError
 from vhs.report.curves import cost_section, curve_section, loss_section
 from vhs.report.evaluation import confusion_section, episode_section
@@ -24,7 +24,7 @@ class _Subject:
     """The run whose agent is looked at."""
 
     run: Run
-    agent: TrainedAgent | None
+    agent: Policy | None
     why: str
     """Why there is no agent."""
     tracks: Sequence[Track]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vhs import Outcome
 from vhs.acting.episodes import episode_seeds
-from vhs.acting.policy import TrainedAgent
+from vhs.acting.policy import Policy
 from vhs.envs import OBJECT_NAMES, RoomConfig, RoomEnv, plan
 from vhs.envs.config import FIRST_INTERACTION, MOVE_FORWARD, TURN_LEFT
 from vhs.envs.kinematics import Footprint, strided, turned
@@ -51,7 +51,7 @@ class Track:
         return len(self.moments) - 1
 
 
-def play_tracks(agent: TrainedAgent, episodes: int, seed: int) -> list[Track]:
+def play_tracks(agent: Policy, episodes: int, seed: int) -> list[Track]:
     """Play the first rooms that `vhs eval --seed` takes, actions sampled."""
     room, actor = make_room(agent.config, is_drawn=False), agent.actor(seed, greedy=False)
     tracks = []

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vhs import Outcome
 from vhs.acting.actor import Actor
-from vhs.acting.policy import TrainedAgent
+from vhs.acting.policy import Policy
 from vhs.envs import OBJECT_NAMES, RoomEnv
 from vhs.envs.config import FIRST_INTERACTION
 from vhs.train.build import make_buffer, make_spec
@@ -91,7 +91,7 @@ def ending(room: RoomEnv, view: NDArray[np.uint8], info: dict[str, Any]) -> Mome
     return snapshot(room, view, outcome=outcome, reached=int(info["reached_object"]))
 
 
-def run_episode(agent: TrainedAgent, actor: Actor, room: RoomEnv, seed: int) -> Iterator[Moment]:
+def run_episode(agent: Policy, actor: Actor, room: RoomEnv, seed: int) -> Iterator[Moment]:
     """Let an agent play one episode.
 
     Args:
@@ -106,7 +106,7 @@ def run_episode(agent: TrainedAgent, actor: Actor, room: RoomEnv, seed: int) -> 
     buffer = make_buffer(agent.config, make_spec(agent.config, room), 1, 1)
     observation, _ = room.reset(seed=seed)
     buffer.begin(0, observation["image"], room.goal, room.interaction)
-    actor.begin(0, agent.learner.embed_goal(room.goal), room.interaction)
+    actor.begin(0, agent.goals.begin(room.goal), room.interaction)
     while True:
         actions, values = actor.act(STREAM, buffer.observe(STREAM))
         action, value = int(actions[0]), float(values[0])

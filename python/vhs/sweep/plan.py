@@ -157,7 +157,7 @@ def _workers(num_envs: int, cores_per_run: int) -> int:
 
 def _resolve(trees: list[dict[str, Any]], keys: Mapping[str, Any], where: str) -> Config:
     try:
-        return resolve_config([*trees, *(nest(key, value) for key, value in keys.items())])
+        return resolve_config(trees, (nest(key, value) for key, value in keys.items()))
     except ConfigError as error:
         raise ConfigError(f"{where}: {error}") from error
 
@@ -165,7 +165,7 @@ def _resolve(trees: list[dict[str, Any]], keys: Mapping[str, Any], where: str) -
 def _plain_method(trees: list[dict[str, Any]], keys: Mapping[str, Any], method: str) -> Config | None:
     """A method without the keys of any grid; None where it is none without them."""
     try:
-        return resolve_config([*trees, *(nest(*item) for item in keys.items()), nest("method.name", method)])
+        return resolve_config(trees, [*(nest(*item) for item in keys.items()), nest("method.name", method)])
     except ConfigError:
         return None
 

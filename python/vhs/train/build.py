@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from dataclasses import fields
-from functools import partial
 from typing import Any
 
 import gymnasium
 import torch
 
-from vhs import EpisodeBuffer, GoalStore, Prototypes, Rng
+from vhs import EpisodeBuffer, Rng
 from vhs.acting.stepping import LocalRooms, PooledRooms, Rooms
 from vhs.buffer import make_buffer as buffer_of
 from vhs.config import Config
@@ -19,8 +17,9 @@ from vhs.config.load import unknown_key
 from vhs.envs import OBJECT_NAMES, TASKS, RoomConfig, Task
 from vhs.envs.rendering import check_renderer
 from vhs.errors import ConfigError
-from vhs.learning.algorithms import ALGORITHMS, VHS
-from vhs.models import DiscriminativeAgent, FeatureExtractor, GoalAgent, pick_device
+from vhs.learning.goals import make_goals
+from vhs.learning.learner import Learner
+from vhs.models import make_agent, pick_device
 from vhs.task import TaskSpec, read_spec
 
 
@@ -80,28 +79,6 @@ def make_spec(config: Config, env: gymnasium.Env[Any, Any]) -> TaskSpec:
     )
 
 
-def make_agent(config: Config, spec: TaskSpec) -> GoalAgent:
-    """Networks that fit a task, initialised from the run's seed alone."""
-    model, classes = config.model, spec.num_goals
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(config.seed)
-        extractor = FeatureExtractor(spec.frame_shape, model.frame_stack, model.channels, model.feature_dim)
-        kind: Callable[..., GoalAgent] = GoalAgent
-        if config.method.name == "gdan":
-            kind = partial(DiscriminativeAgent, num_goals=classes)
-        agent = kind(
-            extractor,
-            num_actions=spec.num_actions,
-            # Where an instruction names no interaction, all are asked for the same one.
-            num_interactions=max(1, spec.num_interactions),
-            hidden_dim=model.hidden_dim,
-            head_dim=model.head_dim,
-            interaction_dim=model.interaction_dim,
-            num_words=classes if config.method.embedding == "word" else 0,
-        )
-    return agent.to(pick_device(config.train.device))
-
-
 def make_buffer(config: Config, spec: TaskSpec, num_streams: int, num_waiting: int) -> EpisodeBuffer:
     """An episode buffer for `num_streams` running and `num_waiting` ended episodes."""
     return buffer_of(
@@ -112,34 +89,27 @@ def make_buffer(config: Config, spec: TaskSpec, num_streams: int, num_waiting: i
     )
 
 
-def make_learner(config: Config, spec: TaskSpec) -> VHS:
+def make_learner(config: Config, spec: TaskSpec) -> Learner:
     """The learner at its beginning, before any episode.
 
     Raises:
         ConfigError: the method asks for what the task does not say.
     """
-    method, classes = config.method, spec.num_goals
-    if method.value_target == "hindsight_return" and spec.success_reward is None:
+    if config.method.value_target == "hindsight_return" and spec.success_reward is None:
         raise ConfigError(
             "method.value_target: expected behaviour for a task that does not say what a success pays, "
             "found hindsight_return"
         )
-    image = (config.model.frame_stack, *spec.frame_shape)
-    return ALGORITHMS[method.name](
-        make_agent(config, spec),
-        GoalStore(classes, image, method.goal_capacity, seed=config.seed),
-        Prototypes(classes, config.model.feature_dim, momentum=prototype_momentum(config), seed=config.seed),
-        method=method,
+    agent, dtype = make_agent(config, spec), convolution_dtype(config)
+    return Learner(
+        agent,
+        make_goals(config, agent, spec.num_goals, dtype),
+        method=config.method,
         train=config.train,
         success_reward=spec.success_reward or 0.0,
-        dtype=convolution_dtype(config),
+        dtype=dtype,
         rng=Rng(config.seed),
     )
-
-
-def prototype_momentum(config: Config) -> float:
-    """Share of the old prototype kept by an update: none when prototypes are exact."""
-    return config.method.prototype_momentum if config.method.prototype == "running" else 0.0
 
 
 def convolution_dtype(config: Config) -> torch.dtype:
@@ -174,7 +144,7 @@ def check_runnable(config: Config) -> None:
     """
     room_config(config)
     method, goals = config.method, len(OBJECT_NAMES)
-    has_supcon = method.parts.goal_loss == "supcon" and method.supcon_weight > 0
+    has_supcon = "supcon" in method.row.terms and method.supcon_weight > 0
     if has_supcon and method.supcon_batch <= goals:
         raise ConfigError(
             f"method.supcon_batch: expected more than {goals}, the number of goals, so that SupCon finds two "

@@ -1,4 +1,4 @@
-"""The training loop: collect, learn, store goals, log, save; any algorithm with the face of `VHS` fits."""
+"""The training loop: collect, learn, store goals, log, save; any learner with the face of `Learner` fits."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ class Session:
         seeds = episode_seeds(config.seed, first=self._begun_before)
         self._rooms = make_rooms(config, streams)
         self._rollout = Rollout(
-            self._rooms, streams, actor, self._buffer, self._learner.embed_goal, seeds, begin=state is None
+            self._rooms, streams, actor, self._buffer, self._learner.goals.begin, seeds, begin=state is None
         )
         self._waiting: deque[EndedEpisode] = deque()
         if state is not None:
@@ -137,8 +137,8 @@ class Session:
 
     @property
     def has_every_loss(self) -> bool:
-        """Whether the goal store is full enough for the losses on it, if there are any."""
-        return self._learner.is_warm or self._config.method.parts.goal_loss is None
+        """Whether every term of the method is at work."""
+        return self._learner.has_every_term
 
     def advance(self, log: RunLog) -> None:
         """One update where a whole group of episodes is waiting, one step of every room otherwise.
@@ -164,7 +164,7 @@ class Session:
         shares = zip(np.split(ids, learners), goals.chunk(learners), strict=True)
         metrics = self._learner.update([(self._buffer.gather(own), embedded) for own, embedded in shares])
         self._window.add_update(metrics)
-        self._learner.goal_store.collect(self._buffer, ids)
+        self._learner.goals.collect(self._buffer, ids)
         self._window.add_episodes(episodes)
         self.progress.episodes += len(episodes)
         self.progress.env_steps += sum(episode.steps for episode in episodes)
@@ -187,7 +187,7 @@ class Session:
         }
         row |= {f"rate/{name}": rate for name, rate in self._window.rates().items()}
         row |= {f"loss/{name}": value for name, value in self._window.losses().items()}
-        row |= {f"goals/{label}": int(count) for label, count in enumerate(self._learner.goal_store.counts)}
+        row |= {f"goals/{label}": int(count) for label, count in enumerate(self._learner.goals.counts)}
         self._row_clock, self._row_steps = now, self.progress.env_steps
         return row
 
@@ -216,7 +216,7 @@ class Session:
             self._run,
             self.progress.episodes,
             state,
-            self._learner.goal_store,
+            self._learner.goals.store,
             keep=self._config.train.keep_checkpoints,
         )
         self._save_clock = time.monotonic()
@@ -229,7 +229,7 @@ class Session:
         """Load everything but the episodes, which need rooms; the whole state."""
         state, goal_store = load_checkpoint(self._run)
         self._learner.load_state_dict(state["learner"])
-        self._learner.goal_store = goal_store
+        self._learner.goals.store = goal_store
         self._generator.set_state(state["actions"])
         self.progress = Progress(**state["progress"])
         self._window.load_state_dict(state["window"])
