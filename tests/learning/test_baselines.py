@@ -18,7 +18,7 @@ from vhs.eval import evaluate
 from vhs.learning.algorithms import ALGORITHMS, VHS
 from vhs.learning.methods import METHODS
 from vhs.models import GoalAgent
-from vhs.runs.log import read_log
+from vhs.runs.rows import read_log
 from vhs.train import train
 
 from .test_vhs import fill_store, make_batch

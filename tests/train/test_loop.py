@@ -18,7 +18,7 @@ from vhs.config import Config, load_config
 from vhs.errors import CheckpointError
 from vhs.eval import read_evaluations
 from vhs.learning.algorithms import VHS
-from vhs.runs.log import read_log
+from vhs.runs.rows import read_log
 from vhs.train import train
 
 CONFIGS = Path(__file__).parents[2] / "configs"

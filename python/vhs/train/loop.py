@@ -18,7 +18,7 @@ from vhs.acting.replay import episodes_state, resume_episodes
 from vhs.config import Config
 from vhs.runs.checkpoint import fitting, has_checkpoint, load_checkpoint, save_checkpoint
 from vhs.runs.directory import check_run, open_run
-from vhs.runs.log import RunLog, Window
+from vhs.runs.window import Window
 from vhs.train.build import (
     check_runnable,
     convolution_dtype,
@@ -28,6 +28,7 @@ from vhs.train.build import (
     make_rooms,
 )
 from vhs.train.interrupt import stop_on_signal
+from vhs.train.log import TrainingLog
 from vhs.train.memory import keep_freed_memory
 
 
@@ -74,7 +75,7 @@ def train(config: Config, run: Path, stream: TextIO | None = None) -> bool:
             precision=str(convolution_dtype(config)).removeprefix("torch."),
             episodes=session.progress.episodes,
         ),
-        RunLog(
+        TrainingLog(
             run,
             config.train.episodes,
             session.progress.episodes,
@@ -138,7 +139,7 @@ class Session:
         """Whether the goal store is full enough for the losses on it, if there are any."""
         return self._learner.is_warm or self._config.method.parts.goal_loss is None
 
-    def advance(self, log: RunLog) -> None:
+    def advance(self, log: TrainingLog) -> None:
         """One update where a whole group of episodes is waiting, one step of every room otherwise.
 
         Between two calls the run can be saved: see `vhs.acting.replay`.
@@ -167,7 +168,7 @@ class Session:
         self.progress.episodes += len(episodes)
         self.progress.env_steps += sum(episode.steps for episode in episodes)
 
-    def _write_row(self, log: RunLog) -> None:
+    def _write_row(self, log: TrainingLog) -> None:
         log.write(self._row())
         self.rows_until = self.progress.episodes
 
@@ -189,7 +190,7 @@ class Session:
         self._row_clock, self._row_steps = now, self.progress.env_steps
         return row
 
-    def finish(self, log: RunLog) -> None:
+    def finish(self, log: TrainingLog) -> None:
         """Save; episodes since the last row get a shorter row of their own, so that the log misses none.
 
         A run that goes on makes that row again, whole.
@@ -198,7 +199,7 @@ class Session:
             self._write_row(log)
         self.save(log)
 
-    def save(self, log: RunLog) -> None:
+    def save(self, log: TrainingLog) -> None:
         """Write a checkpoint, from which the run goes on as if nothing had happened."""
         log.sync()
         self._tick(time.monotonic())
