@@ -24,7 +24,7 @@ from vhs.acting.stepping import LocalRooms
 from vhs.config import Config
 from vhs.envs import optimal_steps
 from vhs.envs.oracle import NoPlanError
-from vhs.runs.log import summarise
+from vhs.runs.window import summarise
 from vhs.train.build import make_buffer, make_envs, make_spec
 
 

@@ -18,7 +18,7 @@ from vhs.acting.replay import episodes_state, resume_episodes
 from vhs.config import Config
 from vhs.runs.checkpoint import fitting, has_checkpoint, load_checkpoint, save_checkpoint
 from vhs.runs.directory import check_run, open_run
-from vhs.runs.log import RunLog, Window
+from vhs.runs.window import Window
 from vhs.train.build import (
     check_runnable,
     convolution_dtype,
@@ -29,6 +29,7 @@ from vhs.train.build import (
     make_spec,
 )
 from vhs.train.interrupt import stop_on_signal
+from vhs.train.log import TrainingLog
 from vhs.train.memory import keep_freed_memory
 
 
@@ -75,7 +76,7 @@ def train(config: Config, run: Path, stream: TextIO | None = None) -> bool:
             precision=str(convolution_dtype(config)).removeprefix("torch."),
             episodes=session.progress.episodes,
         ),
-        RunLog(
+        TrainingLog(
             run,
             config.train.episodes,
             session.progress.episodes,
@@ -140,7 +141,7 @@ class Session:
         """Whether every term of the method is at work."""
         return self._learner.has_every_term
 
-    def advance(self, log: RunLog) -> None:
+    def advance(self, log: TrainingLog) -> None:
         """One update where a whole group of episodes is waiting, one step of every room otherwise.
 
         Between two calls the run can be saved: see `vhs.acting.replay`.
@@ -169,7 +170,7 @@ class Session:
         self.progress.episodes += len(episodes)
         self.progress.env_steps += sum(episode.steps for episode in episodes)
 
-    def _write_row(self, log: RunLog) -> None:
+    def _write_row(self, log: TrainingLog) -> None:
         log.write(self._row())
         self.rows_until = self.progress.episodes
 
@@ -191,7 +192,7 @@ class Session:
         self._row_clock, self._row_steps = now, self.progress.env_steps
         return row
 
-    def finish(self, log: RunLog) -> None:
+    def finish(self, log: TrainingLog) -> None:
         """Save; episodes since the last row get a shorter row of their own, so that the log misses none.
 
         A run that goes on makes that row again, whole.
@@ -200,7 +201,7 @@ class Session:
             self._write_row(log)
         self.save(log)
 
-    def save(self, log: RunLog) -> None:
+    def save(self, log: TrainingLog) -> None:
         """Write a checkpoint, from which the run goes on as if nothing had happened."""
         log.sync()
         self._tick(time.monotonic())
