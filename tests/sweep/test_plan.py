@@ -127,9 +127,7 @@ def test_what_a_sweep_sets_for_all_runs_reaches_the_methods_that_read_it(tmp_pat
     for run, is_set in ((vhs, True), (a3c, False)):
         assert ("method.relabel_probability=0.4" in run.arguments) == is_set
         assert load_config([], run.arguments[1::2]) == run.config
-    with pytest.raises(
-        ConfigError, match=r"grids\.0: method\.vhs_weight: expected none for .* a3c"
-    ):
+    with pytest.raises(ConfigError, match=r"grids\.0: method\.vhs_weight: expected none for .* a3c"):
         plan(tmp_path, "grids: [{grid: {method.name: [vhs, a3c], method.vhs_weight: [0.5]}}]")
 
 
