@@ -26,7 +26,7 @@ from vhs import RasterRenderer
 from vhs.acting.actor import Actor
 from vhs.acting.stepping import LocalRooms
 from vhs.config import load_config
-from vhs.learning.goals import PrototypeGoals
+from vhs.learning.goals import ClassGoals
 from vhs.learning.learner import Learner
 from vhs.models import FeatureExtractor
 from vhs.runs.log import RunLog
@@ -116,7 +116,7 @@ def _instrument(watch: Stopwatch) -> None:
     watch.wrap(Learner, "_step", "optimiser, clip")
     watch.wrap(Learner, "_forward", "LSTM, heads")
     watch.wrap(Learner, "_evaluate", "RL and VHS loss")
-    watch.wrap(PrototypeGoals, "batch", "goal images")
+    watch.wrap(ClassGoals, "batch", "goal images")
     watch.wrap(Learner, "update", "update: the rest")
     watch.wrap(vhs.learning.terms, "supcon_loss", "SupCon loss")
     watch.wrap(torch.Tensor, "backward", "backward")
