@@ -60,7 +60,7 @@ def test_refresh_brings_exact_prototypes_to_the_newest_weights() -> None:
     learner.goals.refresh(0)
     before = learner.goals.embedding(0)
     with torch.no_grad():
-        learner.agent.extractor.project.weight.add_(torch.eye(DIM, 4))
+        learner.agent.extractor.project.bias.add_(torch.arange(DIM))
     assert torch.equal(learner.goals.embedding(0), before)
     learner.goals.refresh(0)
     assert not torch.equal(learner.goals.embedding(0), before)

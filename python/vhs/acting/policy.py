@@ -13,7 +13,7 @@ from torch import Tensor
 
 from vhs.acting.actor import Actor
 from vhs.config import Config
-from vhs.learning.goals import PrototypeGoals, make_goals
+from vhs.learning.goals import ClassGoals, make_goals
 from vhs.models import GoalAgent, make_agent
 from vhs.runs.checkpoint import fitting, load_checkpoint
 from vhs.runs.directory import AGENT_NAME, is_exported, read_config
@@ -29,7 +29,7 @@ class Policy:
     """The configuration that trained it, but for workers and a device that is not here."""
     agent: GoalAgent
     """The networks."""
-    goals: PrototypeGoals
+    goals: ClassGoals
     """What names goals: `goals.begin(label)` gives the embedding of an episode that begins. An exported agent
     brings no images of goals along."""
     dtype: torch.dtype

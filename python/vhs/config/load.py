@@ -175,6 +175,11 @@ def _merged(trees: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     return tree
 
 
+def unflatten(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """Dotted keys as a nested mapping, later ones over earlier ones."""
+    return _merged(nest(key, value) for key, value in keys.items())
+
+
 def _merge(tree: dict[str, Any], overlay: Mapping[str, Any]) -> None:
     for key, value in overlay.items():
         present = tree.get(key)

@@ -9,6 +9,7 @@ picture, a vector, a text) is a further implementation of `Goals`.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -33,7 +34,7 @@ class Goals(Protocol):
     """What the goals of a run are to acting and learning."""
 
     store: GoalStore
-    """Images of reached goals; saved beside the rest of the state."""
+    """Images of reached goals; saved beside the rest of the state, and put back by whoever loads both."""
 
     @property
     def counts(self) -> NDArray[np.int64]:
@@ -103,12 +104,8 @@ class Goals(Protocol):
         ...
 
 
-class PrototypeGoals:
-    """Goal classes that are named by p^x, the mean feature of their images (paper Eq. 4).
-
-    A running prototype follows the features of each update's batch; an exact one is made of stored images
-    when an episode begins. A class without one is named by N(0, 1), anew for each episode.
-    """
+class ClassGoals(Goals):
+    """Goals that are classes: their images in a store, and p^x, the mean feature of a class (paper Eq. 4)."""
 
     def __init__(
         self,
@@ -121,7 +118,7 @@ class PrototypeGoals:
         """Join the parts.
 
         Args:
-            agent: the networks, for features of exact prototypes.
+            agent: the networks, for words and for features of exact prototypes.
             store: images of reached goals, in so many classes as `prototypes` has.
             prototypes: the table of them.
             method: when and how they are made.
@@ -133,7 +130,6 @@ class PrototypeGoals:
         self._method = method
         self._dtype = dtype
         self._device = agent.gate.weight.device
-        self._noise = np.zeros((prototypes.num_classes, prototypes.dim), dtype=np.float32)
 
     @property
     def counts(self) -> NDArray[np.int64]:
@@ -144,6 +140,44 @@ class PrototypeGoals:
     def is_warm(self) -> bool:
         """Whether the store holds `method.warmup` images."""
         return len(self.store) >= self._method.warmup
+
+    def collect(self, buffer: EpisodeBuffer, ids: ArrayLike) -> None:
+        """Store the last observation of each success under its instructed class."""
+        self.store.collect(buffer, ids)
+
+    def batch(self) -> GoalImages | None:
+        """`method.supcon_batch` images, balanced over the classes; None before `is_warm`."""
+        if not self.is_warm:
+            return None
+        observations, labels = self.store.sample(self._method.supcon_batch, balanced=True)
+        return GoalImages(to_device(observations, self._device), to_device(labels, self._device))
+
+    def learned(self, images: GoalImages, features: Tensor) -> None:
+        """Move running prototypes towards the features of an update."""
+        if self._method.prototype == "running":
+            self.prototypes.update(to_numpy(features), to_numpy(images.labels))
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """The prototypes, as tensors, which `torch.load` reads without unpickling code."""
+        arrays: Mapping[str, Any] = {**self.prototypes.state_dict()}
+        return {name: torch.from_numpy(array) for name, array in arrays.items()}
+
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+        """Return to prototypes that `state_dict` gave."""
+        self.prototypes.load_state_dict({name: tensor.numpy() for name, tensor in state.items()})
+
+
+class PrototypeGoals(ClassGoals):
+    """Classes that are named by their prototypes.
+
+    A running prototype follows the features of each update's batch; an exact one is made of stored images
+    when an episode begins. A class without one is named by N(0, 1), anew for each episode.
+    """
+
+    @cached_property
+    def _noise(self) -> NDArray[np.float32]:
+        """What names each class until it has a prototype, shape [classes, feature_dim]."""
+        return np.zeros_like(self.prototypes.table)
 
     def begin(self, told: int) -> Tensor:
         """The embedding of an episode of class `told`: its prototype as of now, else fresh noise."""
@@ -159,19 +193,6 @@ class PrototypeGoals:
             if self.store.counts[told]:
                 self._embed_images(told)
             self._draw_noise(told)
-
-    def _draw_noise(self, told: int) -> None:
-        """A fresh N(0, 1) vector for a class without a prototype."""
-        if not self.prototypes.seen[told]:
-            self._noise[told] = self.prototypes.embed(np.array([told], dtype=np.int64))[0]
-
-    def _embed_images(self, told: int) -> None:
-        """Set p^x to the mean feature of stored images, with running statistics as when acting."""
-        images = self.store.sample_class(told, self._method.prototype_samples)
-        self._agent.eval()
-        with torch.inference_mode():
-            features = self._agent.extractor(to_device(images, self._device), self._dtype)
-        self.prototypes.update(to_numpy(features), np.full(len(images), told, dtype=np.int64))
 
     def embedding(self, told: int) -> Tensor:
         """p^x; of a class without one, the noise that its last episode began with, zeros before the first."""
@@ -194,37 +215,22 @@ class PrototypeGoals:
         nearest = (reached @ normalize(table, dim=1).T).argmax(dim=1)
         return table[nearest]
 
-    def collect(self, buffer: EpisodeBuffer, ids: ArrayLike) -> None:
-        """Store the last observation of each success under its instructed class."""
-        self.store.collect(buffer, ids)
+    def _draw_noise(self, told: int) -> None:
+        """A fresh N(0, 1) vector for a class without a prototype."""
+        if not self.prototypes.seen[told]:
+            self._noise[told] = self.prototypes.embed(np.array([told], dtype=np.int64))[0]
 
-    def batch(self) -> GoalImages | None:
-        """`method.supcon_batch` images, balanced over the classes; None before `is_warm`."""
-        if not self.is_warm:
-            return None
-        observations, labels = self.store.sample(self._method.supcon_batch, balanced=True)
-        return GoalImages(to_device(observations, self._device), to_device(labels, self._device))
-
-    def learned(self, images: GoalImages, features: Tensor) -> None:
-        """Move running prototypes towards the features of an update."""
-        if self._method.prototype == "running":
-            self.prototypes.update(to_numpy(features), to_numpy(images.labels))
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """The prototypes, as tensors, which `torch.load` reads without unpickling code."""
-        return {name: torch.from_numpy(array) for name, array in _arrays(self.prototypes).items()}
-
-    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """Return to prototypes that `state_dict` gave."""
-        self.prototypes.load_state_dict({name: tensor.numpy() for name, tensor in state.items()})
+    def _embed_images(self, told: int) -> None:
+        """Set p^x to the mean feature of stored images, with running statistics as when acting."""
+        images = self.store.sample_class(told, self._method.prototype_samples)
+        self._agent.eval()
+        with torch.inference_mode():
+            features = self._agent.extractor(to_device(images, self._device), self._dtype)
+        self.prototypes.update(to_numpy(features), np.full(len(images), told, dtype=np.int64))
 
 
-class WordGoals(PrototypeGoals):
-    """Goal classes that are named by learned words of the agent.
-
-    Their images and prototypes are kept as well, for losses on images and for whoever looks at the goals; no
-    policy is told them.
-    """
+class WordGoals(ClassGoals):
+    """Classes that are named by learned words of the agent; their images and prototypes tell no policy."""
 
     def begin(self, told: int) -> Tensor:
         """The word as it is now."""
@@ -235,20 +241,24 @@ class WordGoals(PrototypeGoals):
 
     def embedding(self, told: int) -> Tensor:
         """A copy of the word, without a gradient."""
-        return self._words(self._agent).weight[told].detach().clone()
+        return _words(self._agent).weight[told].detach().clone()
 
     def instructed(self, agent: GoalAgent, told: Tensor, acted: Tensor) -> Tensor:
         """The words as `agent` has them, looked up anew so that they learn."""
-        found: Tensor = self._words(agent)(told)
+        found: Tensor = _words(agent)(told)
         return found
 
-    @staticmethod
-    def _words(agent: GoalAgent) -> torch.nn.Embedding:
-        assert agent.words is not None, "an agent that was built with words"
-        return agent.words
+    def hindsight(self, reached: Tensor) -> Tensor:
+        """f(o_T): no word says what was reached by mistake."""
+        return reached
 
 
-def make_goals(config: Config, agent: GoalAgent, num_goals: int, dtype: torch.dtype) -> PrototypeGoals:
+def _words(agent: GoalAgent) -> torch.nn.Embedding:
+    assert agent.words is not None, "an agent that was built with words"
+    return agent.words
+
+
+def make_goals(config: Config, agent: GoalAgent, num_goals: int, dtype: torch.dtype) -> ClassGoals:
     """The goals of a run before its first episode: `num_goals` classes, named to `agent`."""
     method = config.method
     momentum = method.prototype_momentum if method.prototype == "running" else 0.0
@@ -260,7 +270,3 @@ def make_goals(config: Config, agent: GoalAgent, num_goals: int, dtype: torch.dt
         method,
         dtype,
     )
-
-
-def _arrays(prototypes: Prototypes) -> dict[str, NDArray[Any]]:
-    return dict(prototypes.state_dict())  # type: ignore[arg-type]

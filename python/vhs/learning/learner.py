@@ -22,7 +22,7 @@ from vhs.config import MethodSection, TrainSection
 from vhs.errors import DivergenceError
 from vhs.learning.goals import GoalImages, Goals
 from vhs.learning.parallel import Replicas
-from vhs.learning.terms import TERMS, Episodes, Forward, Images, Term
+from vhs.learning.terms import TERMS, Episodes, Forward, Images, Part, Term
 from vhs.models import GoalAgent, to_device
 
 
@@ -46,14 +46,11 @@ class Learned(NamedTuple):
 class _Run(NamedTuple):
     """Episodes for the LSTM, each under one goal."""
 
+    part: Part
     rows: NDArray[np.int64]
     """Which of the batch, shape [B]."""
-    sequences: Tensor
-    """f(o), shape [B, T, feature_dim]."""
-    goals: Tensor
-    """Shape [B, feature_dim]."""
-    interactions: Tensor
-    """Shape [B]."""
+    inputs: tuple[Tensor, Tensor, Tensor]
+    """Features [B, T, feature_dim], goals [B, feature_dim], interactions [B]."""
 
 
 class Learner:
@@ -187,39 +184,32 @@ class Learner:
         runs = self._runs(agent, share, features, features[rows])
         parts: dict[str, Episodes] = {}
         if runs:
-            log_probs, values, _ = agent(
-                torch.cat([run.sequences for run in runs.values()]),
-                torch.cat([run.goals for run in runs.values()]),
-                torch.cat([run.interactions for run in runs.values()]),
-            )
-            sizes = [len(run.goals) for run in runs.values()]
-            for name, run, mine, own in zip(
-                runs, runs.values(), log_probs.split(sizes), values.split(sizes), strict=True
-            ):
-                parts[name] = Episodes(run.rows, mine, own, *self._done(batch, run.rows))
+            log_probs, values, _ = agent(*map(torch.cat, zip(*(run.inputs for run in runs), strict=True)))
+            sizes = [len(run.rows) for run in runs]
+            for run, own, seen in zip(runs, log_probs.split(sizes), values.split(sizes), strict=True):
+                actions, mask = batch.actions[run.rows], batch.mask[run.rows]
+                parts[run.part] = Episodes(
+                    run.rows, own, seen, self._tensor(actions), self._tensor(mask).float()
+                )
         images = None if share.images is None else Images(image_features, share.images.labels)
         settings = (self._method, self._train, self._success_reward)
         return Forward(agent, batch, parts.get("lived"), parts.get("relabelled"), images, *settings)
 
-    def _runs(self, agent: GoalAgent, share: Share, features: Tensor, sequences: Tensor) -> dict[str, _Run]:
-        """What the LSTM has to run over: features, shape [B, T, feature_dim], and goals."""
+    def _runs(self, agent: GoalAgent, share: Share, features: Tensor, sequences: Tensor) -> list[_Run]:
+        """What the LSTM has to run over, of features of each episode, shape [B, T, feature_dim]."""
         batch, hindsight = share.batch, share.hindsight
-        runs = {}
+        runs = []
         if "lived" in self._parts:
-            goals = self.goals.instructed(agent, self._tensor(batch.goals), share.goals)
             everything = np.arange(len(batch.lengths))
-            runs["lived"] = _Run(everything, sequences, goals, self._tensor(batch.interactions))
+            goals = self.goals.instructed(agent, self._tensor(batch.goals), share.goals)
+            runs.append(_Run("lived", everything, (sequences, goals, self._tensor(batch.interactions))))
         selected = np.flatnonzero(hindsight.selected)
         if len(selected):
             chosen = self._tensor(selected)
-            reached = features[self._tensor(hindsight.goal_rows)[chosen]].detach()
-            goals, done = self.goals.hindsight(reached), self._tensor(hindsight.interactions)[chosen]
-            runs["relabelled"] = _Run(selected, sequences[chosen], goals, done)
+            goals = self.goals.hindsight(features[self._tensor(hindsight.goal_rows)[chosen]].detach())
+            done = self._tensor(hindsight.interactions)[chosen]
+            runs.append(_Run("relabelled", selected, (sequences[chosen], goals, done)))
         return runs
-
-    def _done(self, batch: EpisodeBatch, rows: NDArray[np.int64]) -> tuple[Tensor, Tensor]:
-        """Actions and mask of some episodes, each of shape [B, T]."""
-        return self._tensor(batch.actions[rows]), self._tensor(batch.mask[rows]).float()
 
     def _evaluate(self, x: Forward) -> dict[str, Tensor]:
         """Every term of the method, unweighted; those on images as soon as there are any."""

@@ -28,7 +28,10 @@ from vhs.losses import (
 )
 from vhs.models import DiscriminativeAgent, GoalAgent, to_device
 
-Part = TypeVar("Part")
+Part = Literal["lived", "relabelled", "images"]
+"""What a term is over: episodes as they were lived, relabelled ones, goal images."""
+
+_Found = TypeVar("_Found")
 
 
 class Episodes(NamedTuple):
@@ -119,7 +122,7 @@ class Term(NamedTuple):
 
     loss: Callable[[Forward], Tensor]
     """Unweighted, as it is logged; shape []."""
-    over: Literal["lived", "relabelled", "images"]
+    over: Part
     """The part of the pass that it reads, which is there when `loss` is called. Without relabelled episodes
     the term is 0; without images there is none yet."""
     weight: str | float = 1.0
@@ -162,7 +165,7 @@ def _discriminator(x: Forward) -> Tensor:
     return goal_discrimination_loss(x.agent.discriminate(images.features), images.labels)
 
 
-def _there(part: Part | None) -> Part:
+def _there(part: _Found | None) -> _Found:
     assert part is not None, "a term reads another part than it says"
     return part
 
