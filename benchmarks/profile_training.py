@@ -24,8 +24,9 @@ import torch
 import vhs.learning.learner
 from vhs import RasterRenderer
 from vhs.acting.actor import Actor
-from vhs.acting.stepping import LocalRooms
+from vhs.acting.stepping import LocalStepping
 from vhs.config import load_config
+from vhs.envs import RoomEnv
 from vhs.models import FeatureExtractor
 from vhs.runs.log import RunLog
 from vhs.train import loop
@@ -108,8 +109,8 @@ def _advance(session: Any, log: RunLog, seconds: float) -> float:
 
 def _instrument(watch: Stopwatch) -> None:
     learner = vhs.learning.learner.VHS
-    watch.wrap(LocalRooms, "send", "rooms: physics, rest")
-    watch.wrap(LocalRooms, "reset", "rooms: reset")
+    watch.wrap(LocalStepping, "recv", "rooms: physics, rest")
+    watch.wrap(RoomEnv, "reset", "rooms: reset")
     watch.wrap(RasterRenderer, "render", "rooms: drawing")
     watch.wrap(Actor, "act", "acting: the rest")
     watch.wrap(learner, "_step", "optimiser, clip")

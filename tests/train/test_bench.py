@@ -17,13 +17,13 @@ ONE = ["--set", "train.episodes_per_update=1"]
 """An update an episode, so that a slow machine has one in a second."""
 
 
-def test_rooms_and_training_are_measured(
+def test_environments_and_training_are_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     assert main(["bench", *QUICK, *ONE, "--json"]) == 0
     speed = json.loads(capsys.readouterr().out)
-    assert speed["rooms_steps_per_s"] > 0
+    assert speed["environments_steps_per_s"] > 0
     assert speed["minutes"] == pytest.approx(240 / speed["episodes_per_s"] / 60)
     # An episode of the rooms takes one to twenty steps.
     assert 1 <= speed["steps_per_s"] / speed["episodes_per_s"] <= 20

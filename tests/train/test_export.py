@@ -12,13 +12,14 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from vhs.acting.policy import load_agent
+from vhs.acting.setup import task_of
 from vhs.cli import main
 from vhs.config import Config, load_config
 from vhs.errors import CheckpointError
 from vhs.runs.agent_file import FORMAT, encode_agent, read_agent
 from vhs.runs.checkpoint import load_checkpoint, save_checkpoint
 from vhs.train import train
-from vhs.train.build import make_envs, make_learner, make_spec
+from vhs.train.build import make_learner
 from vhs.train.export import export_agent
 
 DEBUG = Path(__file__).parents[2] / "configs" / "debug.yaml"
@@ -110,9 +111,7 @@ def test_an_exported_agent_acts_as_the_one_in_the_run(run: Path, exported: Path)
 
 def test_the_default_agent_fits_into_4_mb() -> None:
     config = load_config()
-    assert (
-        len(encode_agent(make_learner(config, make_spec(config, make_envs(config, 1)[0])), {})) <= 4_000_000
-    )
+    assert len(encode_agent(make_learner(config, task_of(config).spec()), {})) <= 4_000_000
 
 
 def test_what_float16_cannot_hold_stays_as_it_is(run: Path, tmp_path: Path) -> None:
@@ -176,11 +175,7 @@ def replace_by_another_kind(path: Path) -> None:
 
 def replace_by_another_network(path: Path) -> None:
     config = configured("model.head_dim=12")
-    path.write_bytes(
-        encode_agent(
-            make_learner(config, make_spec(config, make_envs(config, 1)[0])), {"trained_episodes": "1"}
-        )
-    )
+    path.write_bytes(encode_agent(make_learner(config, task_of(config).spec()), {"trained_episodes": "1"}))
 
 
 def replace_by_a_directory(path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,12 +10,16 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from vhs import EpisodeBuffer
 from vhs.acting.actor import Actor
+from vhs.acting.players import AgentPlayer
+from vhs.acting.setup import check_runnable, check_spec, task_of, to_act_here
 from vhs.config import Config
 from vhs.learning.algorithms import VHS
 from vhs.runs.checkpoint import fitting, load_checkpoint
 from vhs.runs.directory import AGENT_NAME, is_exported, read_config
-from vhs.train.build import check_runnable, make_envs, make_learner, make_spec, to_act_here
+from vhs.task import Task, TaskSpec
+from vhs.train.build import make_learner
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +31,8 @@ class TrainedAgent:
     learner: VHS
     """Of an exported agent, goal store and optimiser are those of a learner at its beginning."""
     trained_episodes: int
+    task: Task
+    spec: TaskSpec
 
     def embed(self, observations: NDArray[np.uint8]) -> Tensor:
         """f(o): what the agent is asked for where a picture is its goal, in place of `learner.embed_goal`.
@@ -51,12 +56,17 @@ class TrainedAgent:
         learner = self.learner
         return Actor(learner.agent, num_streams, dtype=learner.dtype, generator=generator, greedy=greedy)
 
+    def player(self, buffer: EpisodeBuffer, seed: int, greedy: bool) -> AgentPlayer:
+        """The agent as a player of the streams of a buffer."""
+        return AgentPlayer(self.actor(seed, greedy, buffer.num_streams), buffer, self.learner.embed_goal)
 
-def load_agent(path: Path | str) -> TrainedAgent:
+
+def load_agent(path: Path | str, task: Task | None = None) -> TrainedAgent:
     """Load the newest checkpoint of a run, or an exported agent, ready to act: batch norm in evaluation mode.
 
     Args:
         path: directory of the run or of the exported agent.
+        task: what it was trained on; None: the task that its configuration names.
 
     Raises:
         CheckpointError: neither is there, it is damaged, or it does not fit its own configuration.
@@ -64,18 +74,20 @@ def load_agent(path: Path | str) -> TrainedAgent:
     """
     path = Path(path)
     config = to_act_here(read_config(path))
-    check_runnable(config)
-    with closing(make_envs(config, 1)[0]) as env:
-        learner = make_learner(config, make_spec(config, env))
+    task = task or task_of(config)
+    check_runnable(config, task)
+    spec = task.spec()
+    check_spec(config, task, spec)
+    learner = make_learner(config, spec)
     learner.agent.eval()
     if is_exported(path):
         from vhs.runs.agent_file import read_agent
 
         episodes = int(read_agent(path / AGENT_NAME, learner)["trained_episodes"])
-        return TrainedAgent(config, learner, episodes)
+        return TrainedAgent(config, learner, episodes, task, spec)
     state, goal_store = load_checkpoint(path)
     with fitting(path):
         learner.load_state_dict(state["learner"])
         episodes = int(state["progress"]["episodes"])
     learner.goal_store = goal_store
-    return TrainedAgent(config, learner, episodes)
+    return TrainedAgent(config, learner, episodes, task, spec)

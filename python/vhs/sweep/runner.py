@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
+from vhs.acting.setup import check_runnable
 from vhs.errors import ConfigError, VhsError
 from vhs.runs.directory import check_run
 from vhs.sweep import launch
@@ -24,7 +25,6 @@ from vhs.sweep.display import SweepDisplay, describe_result
 from vhs.sweep.lock import hold
 from vhs.sweep.plan import EvalSection, PlannedRun, plan_runs, read_sweep
 from vhs.sweep.state import Stage, newest_row, next_stage
-from vhs.train.build import check_runnable
 from vhs.train.interrupt import StopRequest, stop_on_signal
 
 _POLL_S = 0.2

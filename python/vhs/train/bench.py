@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import os
 import tempfile
 import time
@@ -13,10 +14,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from vhs.acting.episodes import Episodes
+from vhs.acting.players import RandomPlayer
+from vhs.acting.setup import check_runnable, convolution_dtype, make_buffer, make_stepping, task_of
 from vhs.config import Config
 from vhs.errors import OutputError
 from vhs.runs.log import RunLog
-from vhs.train.build import check_runnable, convolution_dtype, make_envs, make_rooms
 from vhs.train.loop import Session
 from vhs.train.memory import keep_freed_memory
 
@@ -33,8 +36,8 @@ class Speed:
     """Of torch, in one operation."""
     precision: str
     """Of the convolutions."""
-    rooms_steps_per_s: float
-    """Environment steps a second of the rooms alone, under random actions."""
+    environments_steps_per_s: float
+    """Steps a second of the environments alone, under random actions, their frames stored."""
     steps_per_s: float
     """Environment steps a second of training, with every loss at work if the agent succeeded in time."""
     episodes_per_s: float
@@ -44,7 +47,7 @@ class Speed:
 
 
 def bench(config: Config, seconds: float = 10.0) -> Speed:
-    """Measure the rooms and the training of a configuration; nothing is left on the disk.
+    """Measure the environments and the training of a configuration; nothing is left on the disk.
 
     Args:
         config: the resolved configuration, whose workers, learners, threads and device are what is measured.
@@ -58,7 +61,7 @@ def bench(config: Config, seconds: float = 10.0) -> Speed:
     check_runnable(config)
     torch.set_num_threads(config.train.threads)
     keep_freed_memory()
-    rooms = _rooms_alone(config, seconds)
+    environments = _environments_alone(config, seconds)
     steps, episodes = _training(config, seconds)
     return Speed(
         task=config.task,
@@ -66,36 +69,32 @@ def bench(config: Config, seconds: float = 10.0) -> Speed:
         cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
         threads=config.train.threads,
         precision=str(convolution_dtype(config)).removeprefix("torch."),
-        rooms_steps_per_s=rooms,
+        environments_steps_per_s=environments,
         steps_per_s=steps,
         episodes_per_s=episodes,
         minutes=config.train.episodes / episodes / 60,
     )
 
 
-def _rooms_alone(config: Config, seconds: float) -> float:
-    """Steps a second of the rooms; a reset counts as none, and takes its time."""
-    streams = config.env.num_envs
-    actions = np.random.default_rng(config.seed)
-    with closing(make_envs(config, 1)[0]) as env:
-        num_actions = int(env.action_space.n)  # type: ignore[attr-defined]
-    with closing(make_rooms(config, streams)) as rooms:
-        rooms.reset(range(streams), range(streams))
-        steps, seed, began = 0, streams, time.monotonic()
-        warm_until = began + seconds / 2
-        is_warm = False
-        while (now := time.monotonic()) < warm_until + seconds:
-            if not is_warm and now >= warm_until:
-                steps, began, is_warm = 0, now, True
-            answers = rooms.recv()
-            ended, running = answers.streams[answers.is_end], answers.streams[~answers.is_end]
-            steps += int((~answers.is_first).sum())
-            if len(ended):
-                rooms.reset(ended.tolist(), range(seed, seed + len(ended)))
-                seed += len(ended)
-            if len(running):
-                rooms.send(running, actions.integers(num_actions, size=len(running)))
-        return steps / (now - began)
+def _environments_alone(config: Config, seconds: float) -> float:
+    """Steps a second of the environments; a reset counts as none, and takes its time."""
+    streams, task = config.env.num_envs, task_of(config)
+    spec = task.spec()
+    player = RandomPlayer(spec.num_actions, np.random.default_rng(config.seed))
+    with closing(make_stepping(config, task, spec, streams)) as stepping:
+        episodes = Episodes(stepping, player, make_buffer(config, spec, streams, streams), itertools.count())
+        episodes.start()
+        _step(episodes, seconds / 2)
+        warm = episodes.steps
+        taken = _step(episodes, seconds)
+        return (episodes.steps - warm) / taken
+
+
+def _step(episodes: Episodes, seconds: float) -> float:
+    began = time.monotonic()
+    while time.monotonic() - began < seconds:
+        episodes.step()
+    return time.monotonic() - began
 
 
 def _training(config: Config, seconds: float) -> tuple[float, float]:

@@ -12,11 +12,11 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from vhs.acting.policy import TrainedAgent, load_agent
+from vhs.acting.setup import to_act_here
 from vhs.config import Config, dump_config
 from vhs.errors import CheckpointError
 from vhs.runs.agent_file import encode_agent
 from vhs.runs.directory import AGENT_NAME, CONFIG_NAME, META_NAME, describe, is_exported, read_meta
-from vhs.train.build import to_act_here
 
 
 def export_agent(run: Path, directory: Path) -> TrainedAgent:
