@@ -269,6 +269,16 @@ class Task:
             interactions=self.interactions,
             success_reward=self.success_reward,
         )
+        self._check_names(env, spec)
+        if len(spec.frame_shape) == 2:
+            # What embeds frames wants channels: a grey picture has one.
+            return replace(spec, frame_shape=(*spec.frame_shape, 1))
+        return spec
+
+    def _check_names(self, env: gymnasium.Env[Any, Any], spec: TaskSpec) -> None:
+        beyond = max(self.interactions, default=0)
+        if beyond >= spec.num_actions:
+            raise ArgumentError(f"`interactions`: expected actions below {spec.num_actions}, got {beyond}")
         told = _classes(env.observation_space, "interaction")
         if told is not None and told > max(1, spec.num_interactions):
             raise ArgumentError(
@@ -280,10 +290,11 @@ class Task:
                 f"`actions`: expected {spec.num_actions} names, one an action of {self.name}, "
                 f"got {len(self.actions)}"
             )
-        if len(spec.frame_shape) == 2:
-            # What embeds frames wants channels: a grey picture has one.
-            return replace(spec, frame_shape=(*spec.frame_shape, 1))
-        return spec
+        told = _classes(env.observation_space, "goal")
+        if self.goals is not None and told is not None and len(self.goals) != told:
+            raise ArgumentError(
+                f"`goals`: expected {told} names, one a goal class of {self.name}, got {len(self.goals)}"
+            )
 
     def goal_name(self, label: int) -> str:
         """A goal class for people."""

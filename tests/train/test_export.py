@@ -205,7 +205,7 @@ def test_a_file_that_cannot_be_loaded_is_a_clear_error(
 
 @pytest.mark.parametrize(("missing", "found"), [("agent.value.0.bias", "none"), ("prototypes.seen", "none")])
 def test_a_missing_tensor_is_named(missing: str, found: str, run: Path, tmp_path: Path, monkeypatch) -> None:
-    from vhs.train import agent_file
+    from vhs.runs import agent_file
 
     learner, path = load_agent(run).learner, tmp_path / "agent.safetensors"
     whole = agent_file._tensors

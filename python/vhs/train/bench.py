@@ -7,6 +7,7 @@ import itertools
 import os
 import tempfile
 import time
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,8 +62,8 @@ def bench(config: Config, seconds: float = 10.0) -> Speed:
     check_runnable(config)
     torch.set_num_threads(config.train.threads)
     keep_freed_memory()
-    environments = _environments_alone(config, seconds)
-    steps, episodes = _training(config, seconds)
+    environments = measure_environments(config, seconds)
+    steps, episodes = measure_training(config, seconds)
     return Speed(
         task=config.task,
         method=config.method.name,
@@ -76,7 +77,7 @@ def bench(config: Config, seconds: float = 10.0) -> Speed:
     )
 
 
-def _environments_alone(config: Config, seconds: float) -> float:
+def measure_environments(config: Config, seconds: float) -> float:
     """Steps a second of the environments; a reset counts as none, and takes its time."""
     streams, task = config.env.num_envs, task_of(config)
     spec = task.spec()
@@ -84,21 +85,25 @@ def _environments_alone(config: Config, seconds: float) -> float:
     with closing(make_stepping(config, task, spec, streams)) as stepping:
         episodes = Episodes(stepping, player, make_buffer(config, spec, streams, streams), itertools.count())
         episodes.start()
-        _step(episodes, seconds / 2)
+        _repeat(episodes.step, seconds / 2, time.monotonic)
         warm = episodes.steps
-        taken = _step(episodes, seconds)
+        taken = _repeat(episodes.step, seconds, time.monotonic)
         return (episodes.steps - warm) / taken
 
 
-def _step(episodes: Episodes, seconds: float) -> float:
-    began = time.monotonic()
-    while time.monotonic() - began < seconds:
-        episodes.step()
-    return time.monotonic() - began
+def measure_training(
+    config: Config, seconds: float, clock: Callable[[], float] = time.monotonic
+) -> tuple[float, float]:
+    """Steps and episodes a second that a run learns from, once every loss is at work.
 
+    Args:
+        config: the resolved configuration.
+        seconds: of the measurement; the warm-up before it takes from half to six and a half times as long.
+        clock: seconds since some moment.
 
-def _training(config: Config, seconds: float) -> tuple[float, float]:
-    """Steps and episodes a second that a run learns from, once every loss is at work."""
+    Raises:
+        OutputError: no episode was learned from in this time.
+    """
     soon = config.model_copy(update={"method": config.method.model_copy(update={"warmup": 1})})
     with tempfile.TemporaryDirectory(prefix="vhs-bench-") as directory:
         run = Path(directory)
@@ -106,12 +111,16 @@ def _training(config: Config, seconds: float) -> tuple[float, float]:
             closing(Session(soon, run)) as session,
             RunLog(run, config.train.episodes, 0, io.StringIO()) as log,
         ):
-            _advance(session, log, seconds / 2)
-            patience = time.monotonic() + 6 * seconds
-            while not session.has_every_loss and time.monotonic() < patience:
+
+            def advance() -> None:
                 session.advance(log)
+
+            _repeat(advance, seconds / 2, clock)
+            patience = clock() + 6 * seconds
+            while not session.has_every_loss and clock() < patience:
+                advance()
             before = session.progress.episodes, session.progress.env_steps
-            taken = _advance(session, log, seconds)
+            taken = _repeat(advance, seconds, clock)
             episodes = session.progress.episodes - before[0]
             steps = session.progress.env_steps - before[1]
     if not episodes:
@@ -121,8 +130,9 @@ def _training(config: Config, seconds: float) -> tuple[float, float]:
     return steps / taken, episodes / taken
 
 
-def _advance(session: Session, log: RunLog, seconds: float) -> float:
-    began = time.monotonic()
-    while time.monotonic() - began < seconds:
-        session.advance(log)
-    return time.monotonic() - began
+def _repeat(action: Callable[[], object], seconds: float, clock: Callable[[], float]) -> float:
+    """Do something again and again for some time; the seconds that it really took."""
+    began = clock()
+    while clock() - began < seconds:
+        action()
+    return clock() - began
