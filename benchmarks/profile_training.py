@@ -24,8 +24,9 @@ import torch
 import vhs.learning.terms
 from vhs import RasterRenderer
 from vhs.acting.actor import Actor
-from vhs.acting.stepping import LocalRooms
+from vhs.acting.stepping import LocalStepping
 from vhs.config import load_config
+from vhs.envs import RoomEnv
 from vhs.learning.goals import ClassGoals
 from vhs.learning.learner import Learner
 from vhs.models import FeatureExtractor
@@ -109,8 +110,8 @@ def _advance(session: Any, log: TrainingLog, seconds: float) -> float:
 
 
 def _instrument(watch: Stopwatch) -> None:
-    watch.wrap(LocalRooms, "send", "rooms: physics, rest")
-    watch.wrap(LocalRooms, "reset", "rooms: reset")
+    watch.wrap(LocalStepping, "recv", "rooms: physics, rest")
+    watch.wrap(RoomEnv, "reset", "rooms: reset")
     watch.wrap(RasterRenderer, "render", "rooms: drawing")
     watch.wrap(Actor, "act", "acting: the rest")
     watch.wrap(Learner, "_step", "optimiser, clip")

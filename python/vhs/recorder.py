@@ -184,8 +184,10 @@ def make_buffer(
         ArgumentError: For an environment without a limit of steps where none is given, or with actions that
             are neither numbered nor real.
     """
+    observation, _ = env.reset()
     spec = read_spec(
         env,
+        observation,
         reader=reader,
         max_episode_steps=max_episode_steps,
         num_goals=num_goals,

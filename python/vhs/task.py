@@ -8,7 +8,8 @@ these two and knows no environment by name. numpy alone at import: gymnasium com
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from contextlib import closing
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import TYPE_CHECKING, Any, Literal, Self
 
@@ -222,7 +223,7 @@ class Task:
     max_steps: int | None = None
     """Of the longest episode; None: that of the environment's registration."""
     interactions: Mapping[int, int] = field(default_factory=dict)
-    """Action -> the interaction that it does."""
+    """Action -> the interaction that it does; actions count from 0, whatever their space begins with."""
     success_reward: float | None = None
     """What the environment pays for the last step of a success, where the method asks for it."""
     goals: tuple[str, ...] | None = None
@@ -238,20 +239,46 @@ class Task:
     shortest: Callable[[gymnasium.Env[Any, Any]], int | None] | None = None
     """Fewest steps to success from the start of an environment's episode; None where there is no way."""
 
-    def spec(self, env: gymnasium.Env[Any, Any]) -> TaskSpec:
-        """Sizes and types of this task, read off one of its environments, which is reset.
+    def reader(self, env: gymnasium.Env[Any, Any]) -> GoalReader:
+        """`read`, or what fits the observation space.
+
+        Raises:
+            ArgumentError: For a space that says nothing of goals where `read` is None.
+        """
+        return self.read or reader_of(env.observation_space)
+
+    def spec(self) -> TaskSpec:
+        """Sizes and types of this task, read off an environment that is closed again.
 
         Raises:
             ArgumentError: As for `read_spec`; for names or interactions that do not fit the environment.
         """
+        with closing(self.make()) as env:
+            return self._spec_of(env)
+
+    def _spec_of(self, env: gymnasium.Env[Any, Any]) -> TaskSpec:
+        # A reset may draw, and an OpenGL context opened before workers are forked is of no use to them: where
+        # the space alone says how to read an observation, a sample of it will do.
+        observation = env.observation_space.sample() if self.read is None else env.reset()[0]
         spec = read_spec(
             env,
-            reader=self.read,
+            observation,
+            reader=self.reader(env),
             max_episode_steps=self.max_steps,
             num_goals=None if self.goals is None else len(self.goals),
             interactions=self.interactions,
             success_reward=self.success_reward,
         )
+        self._check_names(env, spec)
+        if len(spec.frame_shape) == 2:
+            # What embeds frames wants channels: a grey picture has one.
+            return replace(spec, frame_shape=(*spec.frame_shape, 1))
+        return spec
+
+    def _check_names(self, env: gymnasium.Env[Any, Any], spec: TaskSpec) -> None:
+        beyond = max(self.interactions, default=0)
+        if beyond >= spec.num_actions:
+            raise ArgumentError(f"`interactions`: expected actions below {spec.num_actions}, got {beyond}")
         told = _classes(env.observation_space, "interaction")
         if told is not None and told > max(1, spec.num_interactions):
             raise ArgumentError(
@@ -263,7 +290,11 @@ class Task:
                 f"`actions`: expected {spec.num_actions} names, one an action of {self.name}, "
                 f"got {len(self.actions)}"
             )
-        return spec
+        told = _classes(env.observation_space, "goal")
+        if self.goals is not None and told is not None and len(self.goals) != told:
+            raise ArgumentError(
+                f"`goals`: expected {told} names, one a goal class of {self.name}, got {len(self.goals)}"
+            )
 
     def goal_name(self, label: int) -> str:
         """A goal class for people."""
@@ -282,6 +313,7 @@ def last_actions(num_actions: int, num_interactions: int) -> dict[int, int]:
 
 def read_spec(
     env: gymnasium.Env[Any, Any],
+    observation: Any,
     *,
     reader: GoalReader | None = None,
     max_episode_steps: int | None = None,
@@ -292,7 +324,8 @@ def read_spec(
     """Sizes and types, read off an environment's spaces and one observation.
 
     Args:
-        env: Any environment that says what it wants; it is reset once.
+        env: Any environment that says what it wants.
+        observation: One of its observations.
         reader: Turns an observation into a `Seen`; None: by the observation space.
         max_episode_steps: Of the longest episode; None: that of the environment's registration.
         num_goals: Goal classes, where an instruction names one; None: those of the space's "goal", else 1.
@@ -303,7 +336,6 @@ def read_spec(
         ArgumentError: For an environment without a limit of steps where none is given, or with actions that
             are neither numbered nor real; for an observation that says nothing of goals.
     """
-    observation, _ = env.reset()
     seen = (reader or reader_of(env.observation_space))(observation)
     limit = max_episode_steps or (env.spec.max_episode_steps if env.spec else None)
     if limit is None:

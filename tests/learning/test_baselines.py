@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 import torch
 from torch import Tensor
+from toy import ALGORITHMS as OVERLAYS
+from toy import toy_learner
 
 from vhs import EpisodeBatch, Outcome
 from vhs.acting.actor import Actor
@@ -22,8 +24,6 @@ from vhs.runs.rows import read_log
 from vhs.train import train
 
 from .parts import fill_store, make_batch
-from .toy import ALGORITHMS as OVERLAYS
-from .toy import toy_learner
 
 RL = {"policy", "value", "entropy", "grad_norm"}
 TERMS = {

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 import torch
 from torch import Tensor
+from toy import toy_learner
 
 from vhs import Prototypes
 from vhs.learning.goals import Goals
 from vhs.learning.methods import METHODS
 
 from .parts import DIM, FRAME, GOALS, fill_store, small_learner
-from .toy import toy_learner
 
 
 def everything(goals: Goals) -> list[Tensor]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 from torch import Tensor
+from toy import toy_learner
 
 from vhs import Outcome
 from vhs.config import Config, dump_config, known_keys, load_config
@@ -16,7 +17,6 @@ from vhs.learning.methods import METHODS, Method
 from vhs.learning.terms import TERMS, Forward, Term
 
 from .parts import goals_for, make_batch
-from .toy import toy_learner
 
 
 def test_every_term_of_a_method_and_of_a_key_is_known() -> None:

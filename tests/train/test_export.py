@@ -19,7 +19,6 @@ from vhs.errors import CheckpointError, OutputError
 from vhs.runs.agent_file import FORMAT, encode_agent, read_agent
 from vhs.runs.checkpoint import load_checkpoint, save_checkpoint
 from vhs.train import train
-from vhs.train.build import make_envs, make_spec
 from vhs.train.export import export_agent
 
 DEBUG = Path(__file__).parents[2] / "configs" / "debug.yaml"
@@ -31,7 +30,7 @@ def configured(*overrides: str) -> Config:
 
 def encoded(config: Config, **about: str) -> bytes:
     """The file of an agent before any training."""
-    policy = make_policy(config, make_spec(config, make_envs(config, 1)[0]))
+    policy = make_policy(config)
     return encode_agent(policy.agent, policy.goals, about)
 
 

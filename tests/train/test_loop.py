@@ -12,21 +12,15 @@ from pathlib import Path
 
 import pytest
 import torch
+from debug import CONFIGS, debug_config
 from torch import Tensor
 
 from vhs.cli import main
-from vhs.config import Config, load_config
 from vhs.errors import CheckpointError
 from vhs.eval import read_evaluations
 from vhs.learning.terms import TERMS, Forward, Term
 from vhs.runs.rows import read_log
 from vhs.train import train
-
-CONFIGS = Path(__file__).parents[2] / "configs"
-
-
-def debug_config(*overrides: str) -> Config:
-    return load_config([CONFIGS / "debug.yaml"], overrides)
 
 
 @pytest.mark.parametrize("task", ["task1", "task2", "task3"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,14 +10,16 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from vhs import EpisodeBuffer
 from vhs.acting.actor import Actor
+from vhs.acting.players import AgentPlayer
+from vhs.acting.setup import check_runnable, check_spec, convolution_dtype, task_of, to_act_here
 from vhs.config import Config
 from vhs.learning.goals import ClassGoals, make_goals
 from vhs.models import GoalAgent, make_agent
 from vhs.runs.checkpoint import fitting, load_checkpoint
 from vhs.runs.directory import AGENT_NAME, is_exported, read_config
-from vhs.task import TaskSpec
-from vhs.train.build import check_runnable, convolution_dtype, make_envs, make_spec, to_act_here
+from vhs.task import Task, TaskSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +28,8 @@ class Policy:
 
     config: Config
     """The configuration that trained it, but for workers and a device that is not here."""
+    task: Task
+    spec: TaskSpec
     agent: GoalAgent
     """The networks."""
     goals: ClassGoals
@@ -56,19 +59,26 @@ class Policy:
         generator = torch.Generator().manual_seed(seed)
         return Actor(self.agent, num_streams, dtype=self.dtype, generator=generator, greedy=greedy)
 
+    def player(self, buffer: EpisodeBuffer, seed: int, greedy: bool) -> AgentPlayer:
+        """The agent as a player of the streams of a buffer."""
+        return AgentPlayer(self.actor(seed, greedy, buffer.num_streams), buffer, self.goals.begin)
 
-def make_policy(config: Config, spec: TaskSpec) -> Policy:
-    """A policy with the weights of its seed, before any training."""
+
+def make_policy(config: Config, task: Task | None = None) -> Policy:
+    """A policy with the weights of its seed, before any training; `task` as for `load_agent`."""
+    task = task or task_of(config)
+    spec = task.spec()
+    check_spec(config, task, spec)
     agent, dtype = make_agent(config, spec), convolution_dtype(config)
-    goals = make_goals(config, agent, spec.num_goals, dtype)
-    return Policy(config, agent, goals, dtype)
+    return Policy(config, task, spec, agent, make_goals(config, agent, spec.num_goals, dtype), dtype)
 
 
-def load_agent(path: Path | str) -> Policy:
+def load_agent(path: Path | str, task: Task | None = None) -> Policy:
     """Load the newest checkpoint of a run, or an exported agent, ready to act: batch norm in evaluation mode.
 
     Args:
         path: directory of the run or of the exported agent.
+        task: what it was trained on; None: the task that its configuration names.
 
     Raises:
         CheckpointError: neither is there, it is damaged, or it does not fit its own configuration.
@@ -76,9 +86,9 @@ def load_agent(path: Path | str) -> Policy:
     """
     path = Path(path)
     config = to_act_here(read_config(path))
-    check_runnable(config)
-    with closing(make_envs(config, 1)[0]) as env:
-        policy = make_policy(config, make_spec(config, env))
+    task = task or task_of(config)
+    check_runnable(config, task)
+    policy = make_policy(config, task)
     policy.agent.eval()
     if is_exported(path):
         from vhs.runs.agent_file import read_agent

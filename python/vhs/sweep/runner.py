@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
+from vhs.acting.setup import check_runnable
 from vhs.console import Output
 from vhs.errors import ConfigError, VhsError
 from vhs.runs.directory import LOCK_NAME, check_run
@@ -27,7 +28,6 @@ from vhs.sweep import launch
 from vhs.sweep.display import SweepDisplay, describe_result
 from vhs.sweep.plan import EvalSection, PlannedRun, plan_runs, read_sweep
 from vhs.sweep.state import Stage, newest_row, next_stage
-from vhs.train.build import check_runnable
 from vhs.train.interrupt import StopRequest, stop_on_signal
 
 _POLL_S = 0.2

@@ -10,12 +10,12 @@ import json
 from pathlib import Path
 
 from vhs.acting.policy import Policy, load_agent
+from vhs.acting.setup import to_act_here
 from vhs.config import Config, dump_config
 from vhs.errors import CheckpointError
 from vhs.runs.agent_file import encode_agent
 from vhs.runs.directory import AGENT_NAME, CONFIG_NAME, META_NAME, describe, is_exported, read_meta
 from vhs.runs.files import is_partial, write_files
-from vhs.train.build import to_act_here
 
 
 def export_agent(run: Path, directory: Path) -> Policy:
