@@ -25,7 +25,7 @@ from vhs.sweep.display import SweepDisplay, describe_result
 from vhs.sweep.lock import hold
 from vhs.sweep.plan import EvalSection, PlannedRun, plan_runs, read_sweep
 from vhs.sweep.state import Stage, newest_row, next_stage
-from vhs.train.interrupt import StopRequest, stop_on_signal
+from vhs.interrupt import StopRequest, stop_on_signal
 
 _POLL_S = 0.2
 _DISPLAY_S = 2.0

@@ -31,7 +31,7 @@ from vhs.runs.directory import check_run, open_run
 from vhs.runs.log import RunLog, Window
 from vhs.task import Task
 from vhs.train.build import make_learner
-from vhs.train.interrupt import stop_on_signal
+from vhs.interrupt import stop_on_signal
 from vhs.train.memory import keep_freed_memory
 
 
