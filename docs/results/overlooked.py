@@ -18,7 +18,7 @@ import numpy as np
 
 from vhs import Outcome, RasterRenderer
 from vhs.acting.episodes import Episodes
-from vhs.acting.policy import TrainedAgent, load_agent
+from vhs.acting.policy import Policy, load_agent
 from vhs.acting.seeds import episode_seeds
 from vhs.acting.setup import make_buffer, make_env
 from vhs.acting.stepping import LocalStepping
@@ -52,7 +52,7 @@ class Visible:
         return int((np.isin(ids, geoms) & (kinds == int(mujoco.mjtObj.mjOBJ_GEOM))).sum())
 
 
-def watch(trained: TrainedAgent, episodes: int, seed: int, greedy: bool) -> list[dict[str, Any]]:
+def watch(trained: Policy, episodes: int, seed: int, greedy: bool) -> list[dict[str, Any]]:
     """Play as `vhs eval` does, then look at each episode again."""
     envs = [make_env(trained.task, trained.spec) for _ in range(16)]
     buffer = make_buffer(trained.config, trained.spec, len(envs), len(envs))

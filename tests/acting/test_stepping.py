@@ -13,7 +13,7 @@ from debug import debug_config
 
 from vhs.acting.setup import make_stepping, task_of
 from vhs.acting.stepping import PooledStepping, Stepping
-from vhs.runs.log import read_log
+from vhs.runs.rows import read_log
 from vhs.train import train
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="worker processes need Linux")

@@ -19,11 +19,12 @@ from vhs.acting.seeds import episode_seeds
 from vhs.acting.setup import make_buffer, make_env
 from vhs.acting.stepping import LocalStepping
 from vhs.config import Config, load_config
-from vhs.learning.algorithms import VHS
+from vhs.learning.learner import Learner
 from vhs.task import Task, last_actions
 from vhs.train.build import make_learner
 
 ALGORITHMS = Path(__file__).parents[2] / "configs" / "algorithms"
+SMALL = Path(__file__).parent / "toy.yaml"
 FRAME = (16, 16, 3)
 STREAMS = 16
 
@@ -112,27 +113,10 @@ TOY_SPEC = TOY.spec()
 
 def toy_config(name: str, *overrides: str) -> Config:
     """A method's overlay with networks that fit the toy environment."""
-    small = [
-        "model.channels=[4,8,8,8]",
-        "model.feature_dim=16",
-        "model.hidden_dim=24",
-        "model.head_dim=16",
-        "method.warmup=12",
-        "method.supcon_batch=12",
-        "method.prototype_samples=4",
-        "train.learning_rate=3e-3",
-        "train.learning_rate_end=null",
-        "train.entropy_weight=0.01",
-        "train.entropy_weight_end=null",
-        "train.return_lambda=1.0",
-        "method.hindsight_goal=feature",
-        "method.hindsight_discount=1.0",
-        "train.precision=float32",
-    ]
-    return load_config([ALGORITHMS / f"{name}.yaml"], [*small, *overrides])
+    return load_config([SMALL, ALGORITHMS / f"{name}.yaml"], overrides)
 
 
-def toy_learner(name: str, *overrides: str) -> VHS:
+def toy_learner(name: str, *overrides: str) -> Learner:
     """The learner of a method at its beginning, built as for any task."""
     return make_learner(toy_config(name, *overrides), TOY_SPEC)
 
@@ -145,7 +129,7 @@ def play_toy(config: Config, episodes: int) -> float:
     generator = torch.Generator().manual_seed(config.seed)
     actor = Actor(learner.agent, STREAMS, dtype=learner.dtype, generator=generator)
     stepping = LocalStepping([make_env(TOY, TOY_SPEC) for _ in range(STREAMS)])
-    player = AgentPlayer(actor, buffer, learner.embed_goal)
+    player = AgentPlayer(actor, buffer, learner.goals.begin)
     played = Episodes(stepping, player, buffer, episode_seeds(config.seed))
     played.start()
     waiting, outcomes = [], []
@@ -156,6 +140,6 @@ def play_toy(config: Config, episodes: int) -> float:
             ids = np.array([episode.id for episode in ended])
             goals = torch.stack([episode.goal_embedding for episode in ended])
             learner.update([(buffer.gather(ids), goals)])
-            learner.goal_store.collect(buffer, ids)
+            learner.goals.collect(buffer, ids)
             outcomes += [episode.outcome for episode in ended]
     return float(np.mean([outcome == Outcome.SUCCESS for outcome in outcomes[-episodes // 4 :]]))

@@ -15,7 +15,7 @@ from vhs.acting.policy import load_agent
 from vhs.acting.setup import make_env
 from vhs.errors import ConfigError
 from vhs.eval import evaluate
-from vhs.runs.log import read_log
+from vhs.runs.rows import read_log
 from vhs.show.moments import play_moments
 from vhs.show.pictures import draw
 from vhs.train import train
@@ -43,7 +43,7 @@ def train_and_evaluate(task: Task, run: Path, *overrides: str) -> None:
     assert rows[-1]["loss/relabelled"] > 0
     assert rows[-1]["loss/imitation_policy"] > 0
     agent = load_agent(run, task)
-    assert agent.learner.agent.policy[-1].out_features == task.spec().num_actions
+    assert agent.agent.policy[-1].out_features == task.spec().num_actions
     result = evaluate(run, episodes=12, task=task)
     assert result.success + result.failure + result.timeout == pytest.approx(1)
     assert 1 <= result.steps <= 6
@@ -80,7 +80,7 @@ def test_workers_step_a_task_too(tmp_path: Path) -> None:
         run = tmp_path / str(workers)
         config = toy_config("vhs", *SETTINGS, f"env.num_workers={workers}")
         train(config, run, StringIO(), task=toy_task(moves=2, start=3))
-        weights.append(load_agent(run, toy_task(moves=2, start=3)).learner.agent.state_dict())
+        weights.append(load_agent(run, toy_task(moves=2, start=3)).agent.state_dict())
     for name, value in weights[0].items():
         assert torch.equal(value, weights[1][name]), name
 

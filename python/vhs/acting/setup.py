@@ -112,7 +112,7 @@ def check_goals(config: Config, num_goals: int) -> None:
         ConfigError: a SupCon batch that may hold no two images of one class.
     """
     method = config.method
-    has_supcon = method.parts.goal_loss == "supcon" and method.supcon_weight > 0
+    has_supcon = "supcon" in method.row.terms and method.supcon_weight > 0
     if has_supcon and method.supcon_batch <= num_goals:
         raise ConfigError(
             f"method.supcon_batch: expected more than {num_goals}, the number of goals, so that SupCon finds "

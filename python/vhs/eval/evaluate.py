@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from vhs import Outcome
 from vhs.acting.episodes import EndedEpisode, Episodes
-from vhs.acting.policy import TrainedAgent, load_agent
+from vhs.acting.policy import Policy, load_agent
 from vhs.acting.seeds import episode_seeds
 from vhs.acting.setup import make_buffer, make_env
 from vhs.acting.stepping import LocalStepping
-from vhs.runs.log import summarise
+from vhs.runs.window import summarise
 from vhs.task import Task
 
 
@@ -92,7 +92,7 @@ def success_weighted_by_path_length(
     return float((success * optimal / np.maximum(taken, optimal)).mean()) if len(success) else 0.0
 
 
-def _play(trained: TrainedAgent, *, episodes: int, seed: int, greedy: bool) -> list[EndedEpisode]:
+def _play(trained: Policy, *, episodes: int, seed: int, greedy: bool) -> list[EndedEpisode]:
     """Run every episode once; their order does not matter to any mean."""
     streams = min(trained.config.env.num_envs, episodes)
     stepping = LocalStepping([make_env(trained.task, trained.spec) for _ in range(streams)])

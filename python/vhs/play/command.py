@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vhs.acting.policy import TrainedAgent, load_agent
+from vhs.acting.policy import Policy, load_agent
 from vhs.acting.seeds import episode_seeds
 from vhs.acting.setup import check_runnable, make_env, task_of, to_act_here
 from vhs.errors import OutputError
@@ -62,7 +62,7 @@ def play(
     return _show(run, moments) if out is None else _film(out, moments)
 
 
-def _moments(agent: TrainedAgent, seeds: Iterator[int], seed: int, greedy: bool) -> Iterator[Moment]:
+def _moments(agent: Policy, seeds: Iterator[int], seed: int, greedy: bool) -> Iterator[Moment]:
     env = make_env(agent.task, agent.spec, render_mode="rgb_array")
     return play_moments(agent, env, seeds, seed, greedy)
 

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from vhs.acting.policy import TrainedAgent
+from vhs.acting.policy import Policy
 from vhs.report.decoder import decode
 from vhs.report.page import Section, card, figure, image, legend, missing, shaded
 from vhs.report.svg import svg
@@ -46,9 +46,9 @@ class StoredGoals:
     """Images that the store must hold before running prototypes start."""
 
 
-def look_at_goals(agent: TrainedAgent) -> StoredGoals | None:
+def look_at_goals(agent: Policy) -> StoredGoals | None:
     """Sample the goal store and embed what is there; None where the store is empty."""
-    store, learner = agent.learner.goal_store, agent.learner
+    store = agent.goals.store
     found = [
         (label, _distinct(store.sample_class(label, 3 * _A_CLASS)))
         for label, n in enumerate(store.counts)
@@ -57,20 +57,16 @@ def look_at_goals(agent: TrainedAgent) -> StoredGoals | None:
     if not found:
         return None
     observations = np.concatenate([images for _, images in found])
-    prototypes = learner.prototypes
-    table, seen = prototypes.table, prototypes.seen
-    if agent.config.method.prototype == "exact":
-        # Made on demand while training: make them once for the page.
-        for label, _ in found:
-            table[label] = learner.embed_goal(label).cpu().numpy()
-            seen[label] = True
+    for label, _ in found:
+        agent.goals.refresh(label)
+    prototypes = agent.goals.prototypes
     return StoredGoals(
         counts=store.counts,
         frames=np.ascontiguousarray(observations[:, -1]),
         labels=np.concatenate([np.full(len(images), label, dtype=np.int64) for label, images in found]),
         features=_embed(agent, observations),
-        prototypes=table,
-        has_prototype=seen,
+        prototypes=prototypes.table,
+        has_prototype=prototypes.seen,
         names=tuple(agent.task.goal_name(label) for label in range(len(store.counts))),
         warmup=agent.config.method.warmup,
     )
@@ -186,12 +182,12 @@ def _distinct(images: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 @torch.inference_mode()
-def _embed(agent: TrainedAgent, observations: NDArray[np.uint8]) -> NDArray[np.float32]:
+def _embed(agent: Policy, observations: NDArray[np.uint8]) -> NDArray[np.float32]:
     """f(o) with running statistics, as when acting."""
-    networks = agent.learner.agent.eval()
+    networks = agent.agent.eval()
     device = networks.gate.weight.device
     batches = [
-        networks.extractor(torch.from_numpy(observations[at : at + _BATCH]).to(device), agent.learner.dtype)
+        networks.extractor(torch.from_numpy(observations[at : at + _BATCH]).to(device), agent.dtype)
         for at in range(0, len(observations), _BATCH)
     ]
     features: NDArray[np.float32] = torch.cat(batches).cpu().numpy()

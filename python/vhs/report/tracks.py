@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vhs import Outcome
-from vhs.acting.policy import TrainedAgent
+from vhs.acting.policy import Policy
 from vhs.acting.seeds import episode_seeds
 from vhs.acting.setup import make_env
 from vhs.eval.evaluate import success_weighted_by_path_length
@@ -49,7 +49,7 @@ class Track:
         return len(self.moments) - 1
 
 
-def play_tracks(agent: TrainedAgent, episodes: int, seed: int) -> list[Track]:
+def play_tracks(agent: Policy, episodes: int, seed: int) -> list[Track]:
     """Play the first episodes that `vhs eval --seed` takes, actions sampled."""
     env = make_env(agent.task, agent.spec)
     seeds = islice(episode_seeds(seed, purpose=1), episodes)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vhs import Outcome
 from vhs.acting.environment import TaskEnv
 from vhs.acting.episodes import EndedEpisode, Episodes, Running
-from vhs.acting.policy import TrainedAgent
+from vhs.acting.policy import Policy
 from vhs.acting.setup import make_buffer
 from vhs.acting.stepping import LocalStepping
 from vhs.task import Task, TaskSpec
@@ -78,7 +78,7 @@ class Onlooker:
 
 
 def play_moments(
-    agent: TrainedAgent, env: TaskEnv, seeds: Iterable[int], seed: int, greedy: bool
+    agent: Policy, env: TaskEnv, seeds: Iterable[int], seed: int, greedy: bool
 ) -> Iterator[Moment]:
     """Let an agent play episodes.
 

@@ -20,7 +20,7 @@ from vhs.acting.players import RandomPlayer
 from vhs.acting.setup import check_runnable, convolution_dtype, make_buffer, make_stepping, task_of
 from vhs.config import Config
 from vhs.errors import OutputError
-from vhs.runs.log import RunLog
+from vhs.train.log import TrainingLog
 from vhs.train.loop import Session
 from vhs.train.memory import keep_freed_memory
 
@@ -109,7 +109,7 @@ def measure_training(
         run = Path(directory)
         with (
             closing(Session(soon, run)) as session,
-            RunLog(run, config.train.episodes, 0, io.StringIO()) as log,
+            TrainingLog(run, config.train.episodes, 0, io.StringIO()) as log,
         ):
 
             def advance() -> None:

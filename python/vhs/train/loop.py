@@ -1,4 +1,4 @@
-"""The training loop: collect, learn, store goals, log, save; any algorithm with the face of `VHS` fits."""
+"""The training loop: collect, learn, store goals, log, save; any learner with the face of `Learner` fits."""
 
 from __future__ import annotations
 
@@ -26,12 +26,13 @@ from vhs.acting.setup import (
     task_of,
 )
 from vhs.config import Config
+from vhs.interrupt import stop_on_signal
 from vhs.runs.checkpoint import fitting, has_checkpoint, load_checkpoint, save_checkpoint
 from vhs.runs.directory import check_run, open_run
-from vhs.runs.log import RunLog, Window
+from vhs.runs.window import Window
 from vhs.task import Task
 from vhs.train.build import make_learner
-from vhs.interrupt import stop_on_signal
+from vhs.train.log import TrainingLog
 from vhs.train.memory import keep_freed_memory
 
 
@@ -79,7 +80,7 @@ def train(config: Config, run: Path, stream: TextIO | None = None, *, task: Task
             precision=str(convolution_dtype(config)).removeprefix("torch."),
             episodes=session.progress.episodes,
         ),
-        RunLog(
+        TrainingLog(
             run,
             config.train.episodes,
             session.progress.episodes,
@@ -126,7 +127,7 @@ class Session:
         self._begun_before = self.progress.begun
         seeds = episode_seeds(config.seed, first=self._begun_before)
         self._stepping = make_stepping(config, task, spec, streams)
-        player = AgentPlayer(self._actor, self._buffer, self._learner.embed_goal)
+        player = AgentPlayer(self._actor, self._buffer, self._learner.goals.begin)
         self._episodes = Episodes(self._stepping, player, self._buffer, seeds)
         self._waiting: deque[EndedEpisode] = deque()
         if state is None:
@@ -155,10 +156,10 @@ class Session:
 
     @property
     def has_every_loss(self) -> bool:
-        """Whether the goal store is full enough for the losses on it, if there are any."""
-        return self._learner.is_warm or self._config.method.parts.goal_loss is None
+        """Whether every term of the method is at work."""
+        return self._learner.has_every_term
 
-    def advance(self, log: RunLog) -> None:
+    def advance(self, log: TrainingLog) -> None:
         """One update where a whole group of episodes is waiting, one step of every environment otherwise.
 
         Between two calls the run can be saved: see `vhs.acting.replay`.
@@ -182,12 +183,12 @@ class Session:
         shares = zip(np.split(ids, learners), goals.chunk(learners), strict=True)
         metrics = self._learner.update([(self._buffer.gather(own), embedded) for own, embedded in shares])
         self._window.add_update(metrics)
-        self._learner.goal_store.collect(self._buffer, ids)
+        self._learner.goals.collect(self._buffer, ids)
         self._window.add_episodes(episodes)
         self.progress.episodes += len(episodes)
         self.progress.env_steps += sum(episode.steps for episode in episodes)
 
-    def _write_row(self, log: RunLog) -> None:
+    def _write_row(self, log: TrainingLog) -> None:
         log.write(self._row())
         self.rows_until = self.progress.episodes
 
@@ -205,11 +206,11 @@ class Session:
         }
         row |= {f"rate/{name}": rate for name, rate in self._window.rates().items()}
         row |= {f"loss/{name}": value for name, value in self._window.losses().items()}
-        row |= {f"goals/{label}": int(count) for label, count in enumerate(self._learner.goal_store.counts)}
+        row |= {f"goals/{label}": int(count) for label, count in enumerate(self._learner.goals.counts)}
         self._row_clock, self._row_steps = now, self.progress.env_steps
         return row
 
-    def finish(self, log: RunLog) -> None:
+    def finish(self, log: TrainingLog) -> None:
         """Save; episodes since the last row get a shorter row of their own, so that the log misses none.
 
         A run that goes on makes that row again, whole.
@@ -218,7 +219,7 @@ class Session:
             self._write_row(log)
         self.save(log)
 
-    def save(self, log: RunLog) -> None:
+    def save(self, log: TrainingLog) -> None:
         """Write a checkpoint, from which the run goes on as if nothing had happened."""
         log.sync()
         self._tick(time.monotonic())
@@ -234,7 +235,7 @@ class Session:
             self._run,
             self.progress.episodes,
             state,
-            self._learner.goal_store,
+            self._learner.goals.store,
             keep=self._config.train.keep_checkpoints,
         )
         self._save_clock = time.monotonic()
@@ -247,7 +248,7 @@ class Session:
         """Load everything but the episodes, which need environments; the whole state."""
         state, goal_store = load_checkpoint(self._run)
         self._learner.load_state_dict(state["learner"])
-        self._learner.goal_store = goal_store
+        self._learner.goals.store = goal_store
         self._generator.set_state(state["actions"])
         self.progress = Progress(**state["progress"])
         self._window.load_state_dict(state["window"])
