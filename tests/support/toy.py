@@ -25,6 +25,7 @@ from vhs.train.build import make_learner
 
 SMALL = Path(__file__).parent / "toy.yaml"
 ALGORITHMS = Path(__file__).parents[2] / "configs" / "algorithms"
+SMALL = Path(__file__).parent / "toy.yaml"
 FRAME = (16, 16, 3)
 STREAMS = 16
 

@@ -28,8 +28,6 @@ class Policy:
 
     config: Config
     """The configuration that trained it, but for workers and a device that is not here."""
-    task: Task
-    spec: TaskSpec
     agent: GoalAgent
     """The networks."""
     goals: ClassGoals
@@ -37,6 +35,9 @@ class Policy:
     brings no images of goals along."""
     dtype: torch.dtype
     """Type in which the convolutions multiply."""
+    task: Task
+    """What it acts on."""
+    spec: TaskSpec
     trained_episodes: int = 0
 
     def embed(self, observations: NDArray[np.uint8]) -> Tensor:
@@ -60,17 +61,27 @@ class Policy:
         return Actor(self.agent, num_streams, dtype=self.dtype, generator=generator, greedy=greedy)
 
     def player(self, buffer: EpisodeBuffer, seed: int, greedy: bool) -> AgentPlayer:
-        """The agent as a player of the streams of a buffer."""
+        """A player of the streams of a buffer, whose samples depend on the seed alone."""
         return AgentPlayer(self.actor(seed, greedy, buffer.num_streams), buffer, self.goals.begin)
 
 
 def make_policy(config: Config, task: Task | None = None) -> Policy:
-    """A policy with the weights of its seed, before any training; `task` as for `load_agent`."""
+    """A policy with the weights of its seed, before any training.
+
+    Args:
+        config: resolved.
+        task: what it acts on; None: the task that the configuration names.
+
+    Raises:
+        ConfigError: its configuration cannot run here.
+    """
     task = task or task_of(config)
+    check_runnable(config, task)
     spec = task.spec()
     check_spec(config, task, spec)
     agent, dtype = make_agent(config, spec), convolution_dtype(config)
-    return Policy(config, task, spec, agent, make_goals(config, agent, spec.num_goals, dtype), dtype)
+    goals = make_goals(config, agent, spec.num_goals, dtype)
+    return Policy(config, agent, goals, dtype, task, spec)
 
 
 def load_agent(path: Path | str, task: Task | None = None) -> Policy:
@@ -85,10 +96,7 @@ def load_agent(path: Path | str, task: Task | None = None) -> Policy:
         ConfigError: its configuration cannot run here.
     """
     path = Path(path)
-    config = to_act_here(read_config(path))
-    task = task or task_of(config)
-    check_runnable(config, task)
-    policy = make_policy(config, task)
+    policy = make_policy(to_act_here(read_config(path)), task)
     policy.agent.eval()
     if is_exported(path):
         from vhs.runs.agent_file import read_agent

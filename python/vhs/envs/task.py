@@ -14,7 +14,6 @@ from typing import Any
 
 import gymnasium
 
-import vhs.envs  # noqa: F401  registers the rooms
 from vhs.envs.config import (
     FIRST_INTERACTION,
     INTERACTIVE_OBJECT_NAV,

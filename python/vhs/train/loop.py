@@ -26,12 +26,12 @@ from vhs.acting.setup import (
     task_of,
 )
 from vhs.config import Config
+from vhs.interrupt import stop_on_signal
 from vhs.runs.checkpoint import fitting, has_checkpoint, load_checkpoint, save_checkpoint
 from vhs.runs.directory import check_run, open_run
 from vhs.runs.window import Window
 from vhs.task import Task
 from vhs.train.build import make_learner
-from vhs.train.interrupt import stop_on_signal
 from vhs.train.log import TrainingLog
 from vhs.train.memory import keep_freed_memory
 
