@@ -47,7 +47,8 @@ def make_agent(config: Config, sizes: Sizes) -> GoalAgent:
         extractor = FeatureExtractor(sizes.frame_shape, model.frame_stack, model.channels, model.feature_dim)
         numbers = {
             "num_actions": sizes.num_actions,
-            "num_interactions": sizes.num_interactions,
+            # Where an instruction names no interaction, all are asked for the same one.
+            "num_interactions": max(1, sizes.num_interactions),
             "hidden_dim": model.hidden_dim,
             "head_dim": model.head_dim,
             "interaction_dim": model.interaction_dim,
