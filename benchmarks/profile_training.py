@@ -29,8 +29,8 @@ from vhs.config import load_config
 from vhs.learning.goals import ClassGoals
 from vhs.learning.learner import Learner
 from vhs.models import FeatureExtractor
-from vhs.runs.log import RunLog
 from vhs.train import loop
+from vhs.train.log import TrainingLog
 from vhs.train.memory import keep_freed_memory
 
 
@@ -82,7 +82,7 @@ def main() -> None:
     keep_freed_memory()
     with tempfile.TemporaryDirectory() as run:
         session = loop.Session(config, Path(run))
-        log = RunLog(Path(run), config.train.episodes, 0, io.StringIO())
+        log = TrainingLog(Path(run), config.train.episodes, 0, io.StringIO())
         _advance(session, log, options.warm)
         watch.seconds.clear()
         steps, episodes = session.progress.env_steps, session.progress.episodes
@@ -101,7 +101,7 @@ def main() -> None:
         options.json.write_text(json.dumps(result, indent=2) + "\n")
 
 
-def _advance(session: Any, log: RunLog, seconds: float) -> float:
+def _advance(session: Any, log: TrainingLog, seconds: float) -> float:
     begin = time.perf_counter()
     while time.perf_counter() - begin < seconds:
         session.advance(log)

@@ -23,7 +23,7 @@ from vhs.acting.stepping import LocalRooms
 from vhs.envs import OBJECT_NAMES, RoomEnv
 from vhs.envs.robot import CAMERA
 from vhs.runs.directory import describe
-from vhs.train.build import make_buffer, make_envs
+from vhs.train.build import make_buffer, make_envs, make_spec
 
 BINS_PX = (0, 25, 50, 75, 100, 150, 84 * 84)
 HEADINGS = 8
@@ -54,7 +54,7 @@ class Visible:
 def watch(trained: Policy, episodes: int, seed: int, greedy: bool) -> list[dict[str, Any]]:
     """Play as `vhs eval` does, then look at each episode again."""
     envs = make_envs(trained.config, 16)
-    buffer = make_buffer(trained.config, envs[0], len(envs), len(envs))
+    buffer = make_buffer(trained.config, make_spec(trained.config, envs[0]), len(envs), len(envs))
     seeds = islice(episode_seeds(seed, purpose=1), episodes)
     actor, embed = trained.actor(seed, greedy, len(envs)), trained.goals.begin
     rollout = Rollout(LocalRooms(envs), len(envs), actor, buffer, embed, seeds)

@@ -16,8 +16,9 @@ import torch
 from vhs.config import Config, load_config
 from vhs.errors import CheckpointError
 from vhs.runs.directory import open_run
-from vhs.runs.log import RunLog, read_log
+from vhs.runs.rows import read_log
 from vhs.train import train
+from vhs.train.log import TrainingLog
 from vhs.train.loop import Session
 
 DEBUG = Path(__file__).parents[2] / "configs" / "debug.yaml"
@@ -144,7 +145,7 @@ def test_a_run_stopped_by_ctrl_c_equals_the_uninterrupted_one(
         train(config, other, StringIO())
     advance = Session.advance
 
-    def interrupted(self: Session, log: RunLog) -> None:
+    def interrupted(self: Session, log: TrainingLog) -> None:
         advance(self, log)
         if self.progress.episodes > 44 and self._waiting and self._rollout._running:
             signal.raise_signal(signal.SIGINT)
@@ -185,12 +186,14 @@ def test_what_a_kill_left_half_written_is_removed(tmp_path: Path) -> None:
     partial = run / "checkpoints" / ".partial-episode-000000008"
     partial.mkdir()
     (partial / "state.pt").write_bytes(b"PK")
-    (run / "log.tmp").write_text("{")
+    (run / ".partial-7-log.jsonl").write_text("{")
+    (run / "thesis.tmp").write_text("mine")
     with (run / "log.jsonl").open("a") as log:
         log.write('{"episodes": 8, "env_st')
     train(configured("train.episodes=8"), run, StringIO())
     assert not partial.exists()
-    assert not list(run.glob("*.tmp"))
+    assert not list(run.glob(".partial-*"))
+    assert (run / "thesis.tmp").read_text() == "mine"
     assert [row["episodes"] for row in read_log(run)] == [8]
     assert (run / "log.jsonl").read_text().count("\n") == 1
 

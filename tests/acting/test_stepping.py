@@ -12,7 +12,7 @@ import torch
 
 from vhs.acting.stepping import PooledRooms
 from vhs.config import Config, load_config
-from vhs.runs.log import read_log
+from vhs.runs.rows import read_log
 from vhs.train import train
 from vhs.train.build import make_rooms
 

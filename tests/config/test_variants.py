@@ -1,7 +1,7 @@
 """The names that tell runs of one method apart."""
 
 from vhs.config import load_config
-from vhs.config.variants import flat_config, label
+from vhs.config.variants import Label, flat_config, label
 
 
 def test_a_method_with_its_own_defaults_is_called_by_its_name() -> None:
@@ -15,10 +15,15 @@ def test_a_method_with_its_own_defaults_is_called_by_its_name() -> None:
         )
     )
     variants = [plain, faster, pg, faster_pg]
-    assert [label(variant, variants) for variant in variants] == [
+    assert [str(label(variant, variants)) for variant in variants] == [
         "gdan",
         "gdan learning_rate=0.0005",
         "pg",
         "pg learning_rate=0.001",
     ]
-    assert label(faster, [faster]) == "gdan"
+    assert label(faster, [faster]) == Label("gdan")
+
+
+def test_a_value_with_spaces_stays_one_change() -> None:
+    odd, plain = ({"method.name": "vhs", "env.room": room} for room in ({"a b": 1}, {}))
+    assert len(label(odd, [odd, plain]).changes) == 1

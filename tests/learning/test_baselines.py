@@ -18,7 +18,7 @@ from vhs.eval import evaluate
 from vhs.learning.learner import Learner
 from vhs.learning.methods import METHODS
 from vhs.models import GoalAgent
-from vhs.runs.log import read_log
+from vhs.runs.rows import read_log
 from vhs.train import train
 
 from .parts import fill_store, make_batch

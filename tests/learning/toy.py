@@ -13,7 +13,8 @@ from vhs.acting.episodes import Rollout, episode_seeds
 from vhs.acting.stepping import LocalRooms
 from vhs.config import Config, load_config
 from vhs.learning.learner import Learner
-from vhs.train.build import make_buffer, make_learner, make_spec
+from vhs.task import read_spec
+from vhs.train.build import make_buffer, make_learner
 
 ALGORITHMS = Path(__file__).parents[2] / "configs" / "algorithms"
 SMALL = Path(__file__).parent / "toy.yaml"
@@ -65,6 +66,9 @@ class ToyRoom(gymnasium.Env[Any, Any]):
         return self.observe(), reward, ended, False, info
 
 
+TOY = read_spec(ToyRoom(), max_episode_steps=6, interactions=2, success_reward=9.99)
+
+
 def toy_config(name: str, *overrides: str) -> Config:
     """A method's overlay with networks that fit the toy room."""
     return load_config([SMALL, ALGORITHMS / f"{name}.yaml"], overrides)
@@ -72,18 +76,14 @@ def toy_config(name: str, *overrides: str) -> Config:
 
 def toy_learner(name: str, *overrides: str) -> Learner:
     """The learner of a method at its beginning, built as for a real room."""
-    return _learner(toy_config(name, *overrides))
-
-
-def _learner(config: Config) -> Learner:
-    return make_learner(config, make_spec(config, ToyRoom()))
+    return make_learner(toy_config(name, *overrides), TOY)
 
 
 def play_toy(config: Config, episodes: int) -> float:
     """Train on the toy room; the success rate of the last quarter."""
-    learner = _learner(config)
+    learner = make_learner(config, TOY)
     group = config.train.episodes_per_update
-    buffer = make_buffer(config, ToyRoom(), STREAMS, STREAMS + group)
+    buffer = make_buffer(config, TOY, STREAMS, STREAMS + group)
     generator = torch.Generator().manual_seed(config.seed)
     actor = Actor(learner.agent, STREAMS, dtype=learner.dtype, generator=generator)
     rooms = LocalRooms([ToyRoom() for _ in range(STREAMS)])

@@ -118,15 +118,16 @@ def test_damaged_parts_are_named_and_the_rest_is_shown(runs: Path, tmp_path: Pat
     shutil.copytree(runs / "seed0", run)
     lines = (run / "log.jsonl").read_text().splitlines()
     (run / "log.jsonl").write_text(
-        "\n".join([lines[0], "{damaged", '{"episodes": 60, "rate/success": null}', lines[1]])
+        "\n".join([lines[0], "{damaged", '{"episodes": 60, "rate/success": null}', lines[1], ""])
     )
     (run / "run.json").write_text("{")
     max(run.glob("checkpoints/*/goals.vhs")).write_bytes(b"short")
     page = parse(report(run, tmp_path / "page.html"))
     notes = section_text(page, "setup")
-    assert "line 2 is damaged" in notes
-    assert "line 3 is damaged" in notes
-    assert "no readable run.json" in notes
+    assert "log.jsonl:2: damaged line: expected a JSON object" in notes
+    assert "log.jsonl:3: damaged line: expected a share as `rate/success`, found None" in notes
+    assert "run.json: expected JSON" in notes
+    assert str(tmp_path) not in notes, "a page is for others: no paths of this machine"
     assert "damaged checkpoint" in section_text(page, "goals")
     assert "Not shown" not in section_text(page, "curves")
 

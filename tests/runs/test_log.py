@@ -10,7 +10,9 @@ import torch
 from vhs import Outcome
 from vhs.acting.episodes import EndedEpisode
 from vhs.errors import CheckpointError, OutputError
-from vhs.runs.log import RunLog, Window, read_log
+from vhs.runs.rows import read_log
+from vhs.runs.window import Window
+from vhs.train.log import TrainingLog
 
 
 def row(episodes: int, **more: float) -> dict[str, float]:
@@ -27,7 +29,7 @@ def row(episodes: int, **more: float) -> dict[str, float]:
 
 def write(run: Path, first: int, *rows: dict[str, float]) -> str:
     told = StringIO()
-    with RunLog(run, 100, first, told) as log:
+    with TrainingLog(run, 100, first, told) as log:
         for one in rows:
             log.write(one)
     return told.getvalue()
@@ -65,7 +67,11 @@ def test_a_damaged_line_is_named(line: bytes, tmp_path: Path) -> None:
 
 def test_a_log_that_cannot_be_written_is_said(tmp_path: Path) -> None:
     (tmp_path / "log.jsonl").mkdir()
-    with pytest.raises((OutputError, CheckpointError), match=f"^{tmp_path}: cannot write the run: "):
+    with pytest.raises(CheckpointError, match=r"log\.jsonl: cannot be read: Is a directory"):
+        write(tmp_path, 0, row(10))
+    (tmp_path / "log.jsonl").rmdir()
+    (tmp_path / "tensorboard").write_text("")
+    with pytest.raises(OutputError, match="tensorboard: cannot write: File exists"):
         write(tmp_path, 0, row(10))
 
 

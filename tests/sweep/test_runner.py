@@ -15,8 +15,8 @@ import pytest
 
 from vhs.cli import main
 from vhs.errors import CheckpointError, ConfigError, OutputError
+from vhs.runs.lock import hold
 from vhs.sweep.display import SweepDisplay
-from vhs.sweep.lock import hold
 from vhs.sweep.runner import share_cores, sweep
 
 ROOT = Path(__file__).parents[2]
@@ -254,17 +254,19 @@ def test_a_killed_sweep_leaves_no_run_behind_and_resumes(
     assert len(set(journal.of("eval"))) == len(journal.of("eval")) == 4
 
 
-def test_a_held_directory_is_refused(tmp_path: Path) -> None:
+def test_a_held_directory_is_refused(
+    tmp_path: Path, journal: Journal, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vhs.sweep.runner._PATIENCE_S", 0.1)
     told = StringIO()
+    (tmp_path / "out").mkdir()
     with (
-        hold(tmp_path / "out"),
+        hold(tmp_path / "out" / ".lock", "held", by_children=True),
         pytest.raises(OutputError, match="another sweep is at work here"),
-        hold(tmp_path / "out", told, patience_s=0.1),
     ):
-        pass
+        sweep(tmp_path / "sweep.yaml", tmp_path / "out", stream=told)
     assert "waiting for another sweep" in told.getvalue()
-    with hold(tmp_path / "out", patience_s=0.0):
-        pass
+    assert journal.entries == []
 
 
 def test_the_run_of_another_configuration_is_refused_before_anything_starts(

@@ -15,7 +15,7 @@ from safetensors.torch import load_file, save_file
 from vhs.acting.policy import load_agent, make_policy
 from vhs.cli import main
 from vhs.config import Config, load_config
-from vhs.errors import CheckpointError
+from vhs.errors import CheckpointError, OutputError
 from vhs.runs.agent_file import FORMAT, encode_agent, read_agent
 from vhs.runs.checkpoint import load_checkpoint, save_checkpoint
 from vhs.train import train
@@ -239,7 +239,7 @@ def test_nothing_is_written_over(run: Path, exported: Path, tmp_path: Path) -> N
     ):
         with pytest.raises(CheckpointError, match=f"expected a new or an empty directory, found {found}"):
             export_agent(run, taken)
-    with pytest.raises(CheckpointError, match="cannot write the agent: "):
+    with pytest.raises(OutputError, match="agent: cannot write: Not a directory"):
         export_agent(run, tmp_path / "file" / "agent")
     assert (tmp_path / "file").read_text() == "mine"
     assert [path.name for path in tmp_path.iterdir()] == ["file"]

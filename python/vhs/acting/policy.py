@@ -15,9 +15,9 @@ from vhs.acting.actor import Actor
 from vhs.config import Config
 from vhs.learning.goals import ClassGoals, make_goals
 from vhs.models import GoalAgent, make_agent
-from vhs.models.build import Sizes
 from vhs.runs.checkpoint import fitting, load_checkpoint
 from vhs.runs.directory import AGENT_NAME, is_exported, read_config
+from vhs.task import TaskSpec
 from vhs.train.build import check_runnable, convolution_dtype, make_envs, make_spec, to_act_here
 
 
@@ -57,10 +57,10 @@ class Policy:
         return Actor(self.agent, num_streams, dtype=self.dtype, generator=generator, greedy=greedy)
 
 
-def make_policy(config: Config, sizes: Sizes) -> Policy:
+def make_policy(config: Config, spec: TaskSpec) -> Policy:
     """A policy with the weights of its seed, before any training."""
-    agent, dtype = make_agent(config, sizes), convolution_dtype(config)
-    goals = make_goals(config, agent, sizes.num_goals, dtype)
+    agent, dtype = make_agent(config, spec), convolution_dtype(config)
+    goals = make_goals(config, agent, spec.num_goals, dtype)
     return Policy(config, agent, goals, dtype)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from vhs.config import Config, known_keys, resolve_config
@@ -34,8 +35,23 @@ def differing_keys(variants: Sequence[Mapping[str, Any]]) -> list[str]:
     return [key for key in keys if any(v.get(key) != variants[0].get(key) for v in variants[1:])]
 
 
-def label(variant: Mapping[str, Any], variants: Sequence[Mapping[str, Any]]) -> str:
-    """``vhs relabel_on=timeout``: the method, and where it departs from its defaults.
+@dataclass(frozen=True, slots=True, order=True)
+class Label:
+    """What a group of runs is called: ``vhs relabel_on=timeout`` as a text."""
+
+    method: str
+    changes: tuple[str, ...] = ()
+    """``relabel_on=timeout``: what sets it apart from the plain method."""
+    copy: str = ""
+    """Which of several of one configuration it is; empty for the only one."""
+
+    def __str__(self) -> str:
+        """As the tables of ``vhs compare`` and its ``--reference`` have it."""
+        return " ".join([self.method, *self.changes, *([f"({self.copy})"] if self.copy else [])])
+
+
+def label(variant: Mapping[str, Any], variants: Sequence[Mapping[str, Any]]) -> Label:
+    """The method, and where it departs from its defaults.
 
     Only keys count in which `variants` of that method differ, so that the plain method is called by its name.
     """
@@ -43,7 +59,7 @@ def label(variant: Mapping[str, Any], variants: Sequence[Mapping[str, Any]]) -> 
     keys = differing_keys([other for other in variants if other["method.name"] == method])
     plain = plain_method(method)
     changed = [key for key in keys if variant.get(key) != plain.get(key)]
-    return " ".join([method, *describe_keys(variant, changed)])
+    return Label(method, tuple(describe_keys(variant, changed)))
 
 
 def describe_keys(flat: Mapping[str, Any], keys: Iterable[str]) -> list[str]:

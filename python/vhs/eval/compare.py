@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from vhs.config.variants import Label
 from vhs.errors import ComparisonError
 from vhs.eval.metrics import (
     first_row_at_rate,
@@ -21,7 +22,8 @@ from vhs.eval.metrics import (
     sample_requirement_ratio,
 )
 from vhs.eval.paper import REFERENCE_RATE
-from vhs.runs.reader import Group, Run, find_runs, group_runs, load_runs
+from vhs.runs.evaluations import EVALUATIONS_NAME
+from vhs.runs.reader import Group, Run, find_runs, group_runs, read_run
 
 WINDOW = 2_000
 """Training episodes over which success is averaged to say that a rate is reached."""
@@ -63,7 +65,7 @@ class RunResult:
 class GroupResult:
     """A row of the table: one configuration over its seeds."""
 
-    label: str
+    label: Label
     runs: Sequence[RunResult]
     success_iqm: float
     success_interval: tuple[float, float] | None
@@ -104,8 +106,8 @@ class Comparison:
 
     task: str
     rate: float
-    reference: str
-    """Label of the group that SRR and SEI refer to."""
+    reference: Label
+    """Of the group that SRR and SEI refer to."""
     protocol: Protocol
     groups: Sequence[GroupResult]
     notes: Sequence[str]
@@ -126,7 +128,8 @@ def compare(
         CheckpointError: a run is missing or damaged.
         ComparisonError: the runs cannot be compared, or the reference is not among them.
     """
-    runs = load_runs(find_runs(paths))
+    runs = [read_run(path, name) for path, name in find_runs(paths).items()]
+    _check_comparable(runs)
     protocol = shared_protocol(runs)
     groups = group_runs(runs)
     reference_label = groups[0].label if reference is None else _find_reference(groups, reference)
@@ -140,6 +143,34 @@ def compare(
         groups=[_summarise(label, members, needed) for label, members in results.items()],
         notes=[*_notes(groups), *_reference_note(reference_label, needed is not None)],
     )
+
+
+def _check_comparable(runs: Sequence[Run]) -> None:
+    """Check that runs are of one task, each with an evaluation; those that are not are all named."""
+    by_task: dict[str, list[Path]] = {}
+    for run in runs:
+        by_task.setdefault(run.config.task, []).append(run.path)
+    if len(by_task) > 1:
+        listed = "\n".join(f"  {task}: {', '.join(map(str, by_task[task]))}" for task in sorted(by_task))
+        raise ComparisonError(
+            f"expected runs of one task, found {len(by_task)}; compare them apart:\n{listed}"
+        )
+    missing = [run.path for run in runs if not run.evaluations]
+    if missing:
+        commands = "\n".join(f"  vhs eval {path}" for path in missing)
+        raise ComparisonError(
+            f"expected {EVALUATIONS_NAME} in every run, found none in {len(missing)}; first run:\n{commands}"
+        )
+
+
+def _newest_evaluations(run: Run) -> list[Mapping[str, Any]]:
+    """Those of the most trained checkpoint that was evaluated."""
+    return [entry for entry in run.evaluations if entry["trained_episodes"] == trained_episodes(run)]
+
+
+def trained_episodes(run: Run) -> int:
+    """Episodes behind the most trained checkpoint that was evaluated."""
+    return max(int(entry["trained_episodes"]) for entry in run.evaluations)
 
 
 def shared_protocol(runs: Sequence[Run]) -> Protocol:
@@ -162,7 +193,7 @@ def shared_protocol(runs: Sequence[Run]) -> Protocol:
 
 
 def _ways(run: Run) -> set[tuple[bool, int, int]]:
-    return {(entry["greedy"], entry["seed"], entry["episodes"]) for entry in run.evaluations}
+    return {(entry["greedy"], entry["seed"], entry["episodes"]) for entry in _newest_evaluations(run)}
 
 
 def _shown_way(way: tuple[bool, int, int]) -> str:
@@ -171,15 +202,17 @@ def _shown_way(way: tuple[bool, int, int]) -> str:
 
 
 def _measure(run: Run, protocol: Protocol, rate: float) -> RunResult:
-    by_way = {(entry["greedy"], entry["seed"], entry["episodes"]): entry for entry in run.evaluations}
-    entries = [by_way[protocol.greedy, seed, episodes] for seed, episodes in protocol.sets]
-    row = first_row_at_rate(run.episodes, run.success, rate, WINDOW)
+    evaluations = _newest_evaluations(run)
+    by_way = {(entry["greedy"], entry["seed"], entry["episodes"]): entry for entry in evaluations}
+    entries = [by_way[protocol.greedy, seed, count] for seed, count in protocol.sets]
+    episodes, minutes = run.column("episodes").astype(np.int64), run.column("time/minutes")
+    row = first_row_at_rate(episodes, run.column("rate/success"), rate, WINDOW)
     return RunResult(
         run=run,
         success=_weighted(entries, "success"),
         spl=_weighted(entries, "spl"),
-        episodes_to_rate=None if row is None else int(run.episodes[row]),
-        minutes_to_rate=None if row is None else float(run.minutes[row]),
+        episodes_to_rate=None if row is None else int(episodes[row]),
+        minutes_to_rate=None if row is None else float(minutes[row]),
     )
 
 
@@ -194,7 +227,7 @@ def _over_seeds(values: Sequence[float | None]) -> tuple[float, float | None] | 
 
 
 def _summarise(
-    label: str, members: Sequence[RunResult], needed: tuple[float, float | None] | None
+    label: Label, members: Sequence[RunResult], needed: tuple[float, float | None] | None
 ) -> GroupResult:
     mean, interval = interquartile_mean([result.success for result in members])
     own = _over_seeds([result.episodes_to_rate for result in members])
@@ -212,9 +245,9 @@ def _summarise(
     )
 
 
-def _find_reference(groups: Sequence[Group], reference: str) -> str:
+def _find_reference(groups: Sequence[Group], reference: str) -> Label:
     for group in groups:
-        if reference == group.label or any(
+        if reference == str(group.label) or any(
             run.path.resolve() == Path(reference).resolve() for run in group.runs
         ):
             return group.label
@@ -224,7 +257,7 @@ def _find_reference(groups: Sequence[Group], reference: str) -> str:
     )
 
 
-def _reference_note(label: str, is_reached: bool) -> Iterator[str]:
+def _reference_note(label: Label, is_reached: bool) -> Iterator[str]:
     if not is_reached:
         yield f"The reference `{label}` did not reach the rate with every seed: no SRR and no SEI."
 
@@ -237,15 +270,15 @@ def _notes(groups: Sequence[Group]) -> Iterator[str]:
         yield "Below four seeds the interquartile mean is the mean, and the interval rests on few values."
     runs = [run for group in groups for run in group.runs]
     for run in runs:
-        asked, logged = run.config.train.episodes, int(run.episodes[-1])
-        if run.trained_episodes < asked:
-            yield f"`{run.path}` was evaluated after {run.trained_episodes:,} of {asked:,} episodes."
-        if run.trained_episodes < logged:
+        asked, logged, trained = run.config.train.episodes, run.rows[-1]["episodes"], trained_episodes(run)
+        if trained < asked:
+            yield f"`{run.path}` was evaluated after {trained:,} of {asked:,} episodes."
+        if trained < logged:
             yield f"`{run.path}` has gone on to {logged:,} episodes since its evaluation."
     makings = {
         (start.get("machine"), start.get("precision"), run.config.env.num_workers, run.config.train.threads)
         for run in runs
-        for start in (run.made_by, *run.made_by.get("resumed", ()))
+        for start in run.starts
         if "machine" in start
     }
     if len(makings) > 1:

@@ -24,8 +24,8 @@ from vhs.acting.stepping import LocalRooms
 from vhs.config import Config
 from vhs.envs import optimal_steps
 from vhs.envs.oracle import NoPlanError
-from vhs.runs.log import summarise
-from vhs.train.build import make_buffer, make_envs
+from vhs.runs.window import summarise
+from vhs.train.build import make_buffer, make_envs, make_spec
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +97,7 @@ def _play(trained: Policy, *, episodes: int, seed: int, greedy: bool) -> list[En
     config = trained.config
     envs = make_envs(config, min(config.env.num_envs, episodes))
     actor = trained.actor(seed, greedy, len(envs))
-    buffer = make_buffer(config, envs[0], len(envs), len(envs))
+    buffer = make_buffer(config, make_spec(config, envs[0]), len(envs), len(envs))
     seeds = islice(episode_seeds(seed, purpose=1), episodes)
     rollout = Rollout(LocalRooms(envs), len(envs), actor, buffer, trained.goals.begin, seeds)
     ended: list[EndedEpisode] = []

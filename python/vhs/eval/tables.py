@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from vhs.eval.compare import WINDOW, Comparison, GroupResult, RunResult
-from vhs.runs.files import write_texts
+from vhs.eval.compare import WINDOW, Comparison, GroupResult, RunResult, trained_episodes
+from vhs.runs.files import write_files
 
 _NONE = "-"
 
@@ -21,7 +21,7 @@ def write_comparison(comparison: Comparison, directory: Path) -> None:
     Raises:
         OutputError: the directory cannot be written; nothing was changed.
     """
-    write_texts(
+    write_files(
         directory,
         {
             "compare.md": as_markdown(comparison),
@@ -57,7 +57,7 @@ def as_markdown(comparison: Comparison) -> str:
 
 def as_csv(comparison: Comparison) -> str:
     """A row a group, shares between 0 and 1, empty where there is no number."""
-    rows = [_flat(group) | {"reference": comparison.reference} for group in comparison.groups]
+    rows = [_flat(group) | {"reference": str(comparison.reference)} for group in comparison.groups]
     text = io.StringIO()
     writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
     writer.writeheader()
@@ -71,7 +71,7 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
         "task": comparison.task,
         "rate": comparison.rate,
         "window_episodes": WINDOW,
-        "reference": comparison.reference,
+        "reference": str(comparison.reference),
         "evaluation": {
             "greedy": comparison.protocol.greedy,
             "sets": [{"seed": seed, "episodes": episodes} for seed, episodes in comparison.protocol.sets],
@@ -84,9 +84,9 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
 def _flat(group: GroupResult) -> dict[str, Any]:
     low, high = group.success_interval or (None, None)
     episodes, minutes = group.episodes_to_rate or (None, None), group.minutes_to_rate or (None, None)
-    trained = [result.run.trained_episodes for result in group.runs]
+    trained = [trained_episodes(result.run) for result in group.runs]
     return {
-        "group": group.label,
+        "group": str(group.label),
         "seeds": len(group.runs),
         "trained_episodes_min": min(trained),
         "trained_episodes_max": max(trained),
@@ -112,7 +112,7 @@ def _run_entry(result: RunResult) -> dict[str, Any]:
     return {
         "path": str(run.path),
         "seed": run.config.seed,
-        "trained_episodes": run.trained_episodes,
+        "trained_episodes": trained_episodes(run),
         "success": result.success,
         "spl": result.spl,
         "episodes_to_rate": result.episodes_to_rate,
@@ -123,9 +123,9 @@ def _run_entry(result: RunResult) -> dict[str, Any]:
 
 def _group_cells(group: GroupResult) -> list[str]:
     low_high = group.success_interval
-    trained = sorted({result.run.trained_episodes for result in group.runs})
+    trained = sorted({trained_episodes(result.run) for result in group.runs})
     return [
-        group.label,
+        str(group.label),
         str(len(group.runs)),
         " to ".join(f"{count:,}" for count in dict.fromkeys((trained[0], trained[-1]))),
         _spread(group.success, _percent),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import torch
 
@@ -13,49 +13,26 @@ from vhs.models.extractor import FeatureExtractor
 
 if TYPE_CHECKING:
     from vhs.config import Config
+    from vhs.task import TaskSpec
 
 
-class Sizes(Protocol):
-    """What networks must know of a task."""
-
-    @property
-    def frame_shape(self) -> tuple[int, ...]:
-        """Of one frame, (height, width, colours)."""
-        ...
-
-    @property
-    def num_actions(self) -> int:
-        """Numbered actions."""
-        ...
-
-    @property
-    def num_interactions(self) -> int:
-        """Interactions that can be instructed."""
-        ...
-
-    @property
-    def num_goals(self) -> int:
-        """Goal classes."""
-        ...
-
-
-def make_agent(config: Config, sizes: Sizes) -> GoalAgent:
+def make_agent(config: Config, spec: TaskSpec) -> GoalAgent:
     """The networks of a configuration's method, on its device, initialised from the run's seed alone."""
     model, method = config.model, config.method
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
-        extractor = FeatureExtractor(sizes.frame_shape, model.frame_stack, model.channels, model.feature_dim)
+        extractor = FeatureExtractor(spec.frame_shape, model.frame_stack, model.channels, model.feature_dim)
         numbers = {
-            "num_actions": sizes.num_actions,
+            "num_actions": spec.num_actions,
             # Where an instruction names no interaction, all are asked for the same one.
-            "num_interactions": max(1, sizes.num_interactions),
+            "num_interactions": max(1, spec.num_interactions),
             "hidden_dim": model.hidden_dim,
             "head_dim": model.head_dim,
             "interaction_dim": model.interaction_dim,
-            "num_words": sizes.num_goals if method.embedding == "word" else 0,
+            "num_words": spec.num_goals if method.embedding == "word" else 0,
         }
         if method.row.network == "discriminative":
-            agent: GoalAgent = DiscriminativeAgent(extractor, num_goals=sizes.num_goals, **numbers)
+            agent: GoalAgent = DiscriminativeAgent(extractor, num_goals=spec.num_goals, **numbers)
         else:
             agent = GoalAgent(extractor, **numbers)
     return agent.to(pick_device(config.train.device))

@@ -9,6 +9,7 @@ import numpy as np
 from PIL import Image
 
 from vhs.errors import OutputError
+from vhs.runs.files import check_writable, new_file, writing
 
 LAST_FRAME_S = 1.5
 """The outcome stays to be read."""
@@ -23,10 +24,7 @@ def check_film_path(path: Path) -> None:
     """
     if path.suffix.lower() not in _WRITERS:
         raise OutputError(f"{path}: expected a name that ends in .gif or .mp4, found {path.suffix or 'none'}")
-    if not path.absolute().parent.is_dir():
-        raise OutputError(f"{path}: expected an existing folder, found none: {path.absolute().parent}")
-    if path.is_dir():
-        raise OutputError(f"{path}: expected the name of a file, found a folder")
+    check_writable(path)
     if path.suffix.lower() == ".mp4":
         try:
             import imageio_ffmpeg  # noqa: F401
@@ -48,15 +46,8 @@ def write_film(path: Path, pictures: Sequence[Image.Image], ends: Sequence[bool]
     Raises:
         OutputError: the file cannot be written; what was there is left as it was.
     """
-    # The suffix stays: it tells the encoder the container.
-    temporary = path.with_name(f".partial-{path.name}")
-    try:
-        _WRITERS[path.suffix.lower()](temporary, pictures, ends, fps)
-        temporary.replace(path)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot write the film: {error.strerror or error}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
+    with new_file(path) as partial, writing(path):
+        _WRITERS[path.suffix.lower()](partial, pictures, ends, fps)
 
 
 def _write_gif(path: Path, pictures: Sequence[Image.Image], ends: Sequence[bool], fps: int) -> None:

@@ -9,14 +9,15 @@ from pathlib import Path
 
 from vhs import VhsError, __version__
 from vhs.acting.policy import Policy, load_agent
-from vhs.errors import OutputError
 from vhs.report.curves import cost_section, curve_section, loss_section
 from vhs.report.evaluation import confusion_section, episode_section
 from vhs.report.goals import feature_section, look_at_goals, prototype_section, store_section
+from vhs.report.names import group_title, task_title
 from vhs.report.page import Section, page
-from vhs.report.runs import Group, Run, final_mean, find_runs, group_runs
 from vhs.report.setup import setup_section
 from vhs.report.tracks import Track, play_tracks, success_and_spl, wilson_interval
+from vhs.runs.files import check_writable, write_files
+from vhs.runs.reader import Group, Run, find_runs, group_runs, read_run
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +50,9 @@ def report(path: Path, out: Path | None = None, *, episodes: int = 100, seed: in
         OutputError: the page cannot be written; nothing was.
     """
     out = path / "report.html" if out is None else out
-    runs = find_runs(path)
-    _check_writable(out)
-    groups = group_runs(runs)
+    runs = [read_run(run, name, strict=False) for run, name in find_runs([path]).items()]
+    check_writable(out)
+    groups = sorted(group_runs(runs, strict=False), key=lambda group: (group.task or "", group.label))
     subject = _subject(runs, episodes, seed)
     text = page(
         _title(groups),
@@ -60,37 +61,8 @@ def report(path: Path, out: Path | None = None, *, episodes: int = 100, seed: in
         _sections(runs, groups, subject),
         _foot(),
     )
-    _write(out, text)
+    write_files(out.parent, {out.name: text})
     return out
-
-
-def _check_writable(out: Path) -> None:
-    """Refuse before a minute of work what would fail after it."""
-    if out.is_dir():
-        raise OutputError(f"{out}: expected the name of an HTML file, found a directory")
-    if not out.absolute().parent.is_dir():
-        raise OutputError(f"{out}: expected an existing folder, found none: {out.absolute().parent}")
-    temporary = _temporary(out)
-    try:
-        temporary.touch()
-        temporary.unlink()
-    except OSError as error:
-        raise OutputError(f"{out}: cannot write the page: {error.strerror}") from error
-
-
-def _write(out: Path, text: str) -> None:
-    temporary = _temporary(out)
-    try:
-        temporary.write_text(text, encoding="utf-8")
-        temporary.replace(out)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot write the page: {error.strerror}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def _temporary(out: Path) -> Path:
-    return out.with_name(f".partial-{out.name}")
 
 
 def _subject(runs: Sequence[Run], episodes: int, seed: int) -> _Subject:
@@ -124,10 +96,10 @@ def _sections(runs: Sequence[Run], groups: Sequence[Group], subject: _Subject) -
 
 def _title(groups: Sequence[Group]) -> str:
     if len(groups) == 1:
-        return f"{groups[0].task}: {groups[0].label}"
-    tasks = list(dict.fromkeys(group.task for group in groups))
+        return f"{task_title(groups[0].task)}: {group_title(groups[0])}"
+    tasks = list(dict.fromkeys(task_title(group.task) for group in groups))
     labels = {group.label for group in groups}
-    methods = f"{len(labels)} methods" if len(labels) > 1 else groups[0].label
+    methods = f"{len(labels)} methods" if len(labels) > 1 else group_title(groups[0])
     return f"{methods} on {', '.join(tasks)}"
 
 
@@ -156,7 +128,7 @@ def _tiles(subject: _Subject) -> list[tuple[str, str]]:
         tiles += [(f"{success:.1%}", text), (f"{spl:.2f}", "SPL: success weighted by shortest / taken steps")]
     rows = subject.run.rows
     if rows:
-        tiles.append((f"{final_mean(rows, 'rate/success'):.1%}", "success over the last tenth of training"))
+        tiles.append((f"{subject.run.final_success:.1%}", "success over the last tenth of training"))
         tiles.append((f"{rows[-1]['episodes']:,}", "episodes of training"))
     if rows and "time/minutes" in rows[-1]:
         tiles.append((f"{rows[-1]['time/minutes']:.0f} min", "of training"))

@@ -10,10 +10,13 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
+from vhs.config.variants import Label
 from vhs.eval.paper import SUCCESS
+from vhs.report.names import group_title, task_title
 from vhs.report.page import Section, card, legend, missing, table
-from vhs.report.runs import Group, final_mean
 from vhs.report.svg import Axes, FloatArray, Line, line_chart
+from vhs.runs.reader import Group
+from vhs.runs.rows import Row
 
 OUTCOMES = {"success": "var(--success)", "failure": "var(--failure)", "timeout": "var(--timeout)"}
 
@@ -50,11 +53,11 @@ def curve_section(groups: Sequence[Group]) -> Section:
     return Section("curves", "Learning curves", (_results(groups) if len(groups) > 1 else "") + body)
 
 
-def _success_card(name: str, members: Sequence[Group], colours: Mapping[str, str]) -> list[str]:
+def _success_card(name: str, members: Sequence[Group], colours: Mapping[Label, str]) -> list[str]:
     lines = _lines(members, "rate/success", colours)
     if not lines:
         return []
-    paper = SUCCESS.get(members[0].task.lower().replace(" ", ""), {})
+    paper = SUCCESS.get(members[0].task or "", {})
     # Its method, and its strongest baseline from elsewhere.
     marks = tuple((f"paper {method.upper()}", paper[method]) for method in ("vhs", "gdan") if method in paper)
     axes = Axes(f"{name}: success over training", is_share=True, has_labels=False, marks=marks)
@@ -70,8 +73,9 @@ def _outcome_card(group: Group) -> list[str]:
     ]
     if not lines:
         return []
-    axes = Axes(f"{group.task}, {group.label}: outcomes over training", is_share=True)
-    return [card(f"{group.task}: how episodes end, {group.label}", line_chart(axes, lines), _seeds(group))]
+    task, name = task_title(group.task), group_title(group)
+    axes = Axes(f"{task}, {name}: outcomes over training", is_share=True)
+    return [card(f"{task}: how episodes end, {name}", line_chart(axes, lines), _seeds(group))]
 
 
 def loss_section(groups: Sequence[Group]) -> Section:
@@ -88,21 +92,25 @@ def _charts(groups: Sequence[Group]) -> Iterator[tuple[str, list[Group]]]:
     """What is drawn together, and its name: the groups of a task; of many, variants apart from methods."""
     for task in dict.fromkeys(group.task for group in groups):
         members = [group for group in groups if group.task == task]
-        plain = [group for group in members if not group.variant]
-        variants = [group for group in members if group.variant]
+        plain = [group for group in members if _is_plain(group.label)]
+        variants = [group for group in members if not _is_plain(group.label)]
         if len(members) <= _COLOURS or len(plain) < 2 or not variants:
-            yield task, members
+            yield task_title(task), members
         else:
-            varied = {group.method for group in variants}
-            yield task, plain
-            yield f"{task}, variants", [g for g in plain if g.method in varied] + variants
+            varied = {group.label.method for group in variants}
+            yield task_title(task), plain
+            yield f"{task_title(task)}, variants", [g for g in plain if g.label.method in varied] + variants
 
 
-def _colours(groups: Sequence[Group]) -> dict[str, str]:
+def _is_plain(label: Label) -> bool:
+    """Whether it is a method as it is, no variant of one."""
+    return not label.changes
+
+
+def _colours(groups: Sequence[Group]) -> dict[Label, str]:
     """A colour for each label, the same on every task; methods come first, and after eight they repeat."""
-    plain = {group.label for group in groups if not group.variant}
-    ordered = sorted({group.label for group in groups}, key=lambda name: (name not in plain, name))
-    return {name: f"var(--c{index % _COLOURS})" for index, name in enumerate(ordered)}
+    ordered = sorted({group.label for group in groups}, key=lambda label: (not _is_plain(label), label))
+    return {label: f"var(--c{index % _COLOURS})" for index, label in enumerate(ordered)}
 
 
 def _small_charts(groups: Sequence[Group], keys: dict[str, str]) -> str:
@@ -122,12 +130,12 @@ def _small_charts(groups: Sequence[Group], keys: dict[str, str]) -> str:
     return "".join(parts) or missing("no log holds any of these")
 
 
-def _legend(members: Sequence[Group], colours: Mapping[str, str]) -> str:
-    return legend([(group.label, colours[group.label]) for group in members])
+def _legend(members: Sequence[Group], colours: Mapping[Label, str]) -> str:
+    return legend([(group_title(group), colours[group.label]) for group in members])
 
 
-def _lines(groups: Sequence[Group], key: str, colours: Mapping[str, str]) -> list[Line]:
-    found = (_line(group, key, group.label, colours[group.label]) for group in groups)
+def _lines(groups: Sequence[Group], key: str, colours: Mapping[Label, str]) -> list[Line]:
+    found = (_line(group, key, group_title(group), colours[group.label]) for group in groups)
     return [line for line in found if line is not None]
 
 
@@ -148,7 +156,7 @@ def _line(group: Group, key: str, label: str, colour: str) -> Line | None:
     return Line(label, colour, x, mean, mean - deviation, mean + deviation)
 
 
-def _series(rows: Sequence[dict[str, object]], key: str) -> tuple[FloatArray, FloatArray] | None:
+def _series(rows: Sequence[Row], key: str) -> tuple[FloatArray, FloatArray] | None:
     points = [(row["episodes"], row[key]) for row in rows if isinstance(row.get(key), int | float)]
     if not points:
         return None
@@ -181,7 +189,7 @@ def _note(lines: Sequence[Line]) -> str:
 
 
 def _seeds(group: Group) -> str:
-    seeds = [str(run.config.seed) for run in group.runs if run.config is not None]
+    seeds = [str(run.config.seed) for run in group.runs if run.found_config is not None]
     return f"seed{'s' if len(seeds) > 1 else ''} {', '.join(seeds)}" if seeds else ""
 
 
@@ -192,13 +200,13 @@ def _results(groups: Sequence[Group]) -> str:
         logged = [run for run in group.runs if run.rows]
         if not logged:
             continue
-        final = np.array([final_mean(run.rows, "rate/success") for run in logged])
+        final = np.array([run.final_success for run in logged])
         spread = f" ± {100 * final.std(ddof=1):.1f}" if len(final) > 1 else " (one seed)"
         episodes = [run.rows[-1]["episodes"] for run in logged]
         minutes = [run.rows[-1].get("time/minutes", float("nan")) for run in logged]
         rows.append(
-            (group.task, group.label, str(len(logged)), f"{min(episodes):,}", f"{np.mean(minutes):.0f}",
-             f"{100 * final.mean():.1f} %{spread}")
+            (task_title(group.task), group_title(group), str(len(logged)), f"{min(episodes):,}",
+             f"{np.mean(minutes):.0f}", f"{100 * final.mean():.1f} %{spread}")
         )  # fmt: skip
     head = ("task", "method", "seeds", "episodes", "minutes", "success, last tenth")
     return table(head, rows, numbers_from=2)

@@ -8,13 +8,13 @@ from xml.sax.saxutils import escape
 from vhs.config import Config, dump_config
 from vhs.config.variants import describe_value, flat_config
 from vhs.report.page import Section, missing, table
-from vhs.report.runs import Run
+from vhs.runs.reader import Run
 
 
 def setup_section(runs: Sequence[Run], shown: Run) -> Section:
     """What made the runs."""
     parts = [_provenance(runs), _notes(runs)]
-    if shown.config is not None:
+    if shown.found_config is not None:
         parts.append(_departures(shown.config))
         text = escape(dump_config(shown.config))
         head = f"<summary>Resolved configuration of {escape(shown.name)}</summary>"
@@ -28,10 +28,9 @@ def _provenance(runs: Sequence[Run]) -> str:
     keys = ("command", "commit", "version", "time", "machine", "precision")
     rows = []
     for run in runs:
-        seed = "?" if run.config is None else str(run.config.seed)
-        starts = [run.meta, *run.meta.get("resumed", ())]
+        seed = "?" if run.found_config is None else str(run.found_config.seed)
         # A run that went on elsewhere says so; its command and its first time are enough.
-        told = {key: dict.fromkeys(str(start.get(key) or "?") for start in starts) for key in keys}
+        told = {key: dict.fromkeys(str(start.get(key) or "?") for start in run.starts) for key in keys}
         once = {key: next(iter(told[key])) for key in ("command", "time")}
         rows.append((run.name, *(once.get(key) or ", ".join(told[key]) for key in keys), seed))
     shown = ["started (UTC)" if key == "time" else key for key in keys]

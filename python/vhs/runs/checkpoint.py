@@ -9,8 +9,7 @@ renamed before it is removed, so a kill at any moment leaves whole checkpoints a
 from __future__ import annotations
 
 import io
-import os
-import shutil
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,13 +18,14 @@ from typing import Any
 import torch
 
 from vhs import GoalStore
-from vhs.errors import CheckpointError, OutputError
+from vhs.errors import CheckpointError
+from vhs.runs.files import new_directory, remove_directory, remove_partial, writing
 
 _DIRECTORY = "checkpoints"
 _PREFIX = "episode-"
-_PARTIAL = ".partial-"
 _STATE = "state.pt"
 _GOALS = "goals.vhs"
+_NAME = re.compile(rf"{_PREFIX}[0-9]{{9,}}")
 
 
 def save_checkpoint(
@@ -46,51 +46,31 @@ def save_checkpoint(
     Raises:
         OutputError: it cannot be written; those before it are untouched.
     """
-    with writing(run):
-        return _save(run, episode, state, goal_store, keep)
-
-
-@contextmanager
-def writing(run: Path) -> Iterator[None]:
-    """Say of which run the files cannot be written, and why.
-
-    Raises:
-        OutputError: a full disk, a missing permission, a directory that is gone.
-    """
-    try:
-        yield
-    except OSError as error:
-        raise OutputError(f"{run}: cannot write the run: {error.strerror or error}") from error
-
-
-def _save(run: Path, episode: int, state: Mapping[str, Any], goal_store: GoalStore, keep: int) -> Path:
     root = run / _DIRECTORY
-    root.mkdir(parents=True, exist_ok=True)
+    with writing(root):
+        root.mkdir(parents=True, exist_ok=True)
     final = root / f"{_PREFIX}{episode:09d}"
     if final.exists():
         # Nothing has been learned since; replacing it would leave a moment without it.
         return final
-    partial = root / f"{_PARTIAL}{final.name}"
-    shutil.rmtree(partial, ignore_errors=True)
-    partial.mkdir()
     content = io.BytesIO()  # torch would hide what the system says of a full disk
     torch.save(dict(state), content)
-    with (partial / _STATE).open("wb") as file:
-        file.write(content.getbuffer())
-        file.flush()
-        os.fsync(file.fileno())
-    goal_store.save(partial / _GOALS)
-    partial.rename(final)
-    _sync_directory(root)
+    with new_directory(final) as partial, writing(final):
+        (partial / _STATE).write_bytes(content.getbuffer())
+        goal_store.save(partial / _GOALS)
     for old in _checkpoints(run)[:-keep]:
-        shutil.rmtree(old.rename(root / f"{_PARTIAL}{old.name}"))
+        remove_directory(old)
     return final
 
 
 def remove_partial_checkpoints(run: Path) -> None:
-    """Remove what a kill while saving left behind; no other process may be saving."""
-    for partial in (run / _DIRECTORY).glob(f"{_PARTIAL}*"):
-        shutil.rmtree(partial)
+    """Remove what a kill while saving left behind; no other process may be saving.
+
+    Raises:
+        OutputError: it cannot be removed.
+    """
+    if (run / _DIRECTORY).is_dir():
+        remove_partial(run / _DIRECTORY, rf"{_PREFIX}\d+")
 
 
 def load_checkpoint(run: Path) -> tuple[dict[str, Any], GoalStore]:
@@ -144,20 +124,14 @@ def has_checkpoint(run: Path) -> bool:
 
 def newest_checkpoint(run: Path) -> int:
     """Episodes behind the newest checkpoint of a run, 0 if there is none."""
-    return max((int(path.name.removeprefix(_PREFIX)) for path in _checkpoints(run)), default=0)
+    return max((_episode(path) for path in _checkpoints(run)), default=0)
 
 
 def _checkpoints(run: Path) -> list[Path]:
-    return sorted((run / _DIRECTORY).glob(f"{_PREFIX}*"))
+    """The checkpoints in order of their episodes; other names in the directory are not ours."""
+    found = [path for path in (run / _DIRECTORY).glob(f"{_PREFIX}*") if _NAME.fullmatch(path.name)]
+    return sorted((path for path in found if path.is_dir()), key=_episode)
 
 
-def _sync_directory(path: Path) -> None:
-    """Make a rename durable; a no-op where directories cannot be opened."""
-    try:
-        descriptor = os.open(path, os.O_RDONLY)
-    except OSError:
-        return
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+def _episode(path: Path) -> int:
+    return int(path.name.removeprefix(_PREFIX))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+import re
 import shlex
 import subprocess
 import sys
@@ -11,13 +12,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from vhs import __version__
 from vhs.config import Config, dump_config, load_config
 from vhs.config.variants import differing_keys, flat_config
 from vhs.errors import CheckpointError, ConfigError
 from vhs.runs.checkpoint import newest_checkpoint, remove_partial_checkpoints
+from vhs.runs.files import remove_partial, write_files, writing
+from vhs.runs.lock import hold
+from vhs.runs.rows import LOG_NAME
 
 CONFIG_NAME = "config.yaml"
 META_NAME = "run.json"
@@ -73,28 +77,21 @@ def open_run(config: Config, run: Path, *, precision: str, episodes: int) -> Ite
         episodes: of the checkpoint that the run goes on from; 0 for a new run.
 
     Raises:
-        CheckpointError: the directory cannot be written, or another process trains in it or has gone on
-            since the checkpoint was read.
+        CheckpointError: another process has gone on since the checkpoint was read.
+        OutputError: the directory cannot be written, or another process trains in it.
     """
-    try:
+    with writing(run):
         run.mkdir(parents=True, exist_ok=True)
-        lock = (run / LOCK_NAME).open("w")
-    except OSError as error:
-        raise _cannot_write(run, error) from error
-    with lock:
-        _hold(lock, run)
-        try:
-            if newest_checkpoint(run) != episodes:
-                raise CheckpointError(f"{run}: another process has just trained here; start again")
-            remove_partial_checkpoints(run)
-            for temporary in run.glob("*.tmp"):
-                temporary.unlink()
-            _write(run / CONFIG_NAME, dump_config(config))
-            if episodes < config.train.episodes:  # a start that trains nothing makes nothing
-                meta = _meta(run, describe() | {"precision": precision}, episodes)
-                _write(run / META_NAME, json.dumps(meta, indent=2) + "\n")
-        except OSError as error:
-            raise _cannot_write(run, error) from error
+    with hold(run / LOCK_NAME, f"{run}: another process trains here; wait for it, or give another --out"):
+        if newest_checkpoint(run) != episodes:
+            raise CheckpointError(f"{run}: another process has just trained here; start again")
+        remove_partial_checkpoints(run)
+        remove_partial(run, "|".join(map(re.escape, (CONFIG_NAME, META_NAME, LOG_NAME))))
+        files = {CONFIG_NAME: dump_config(config)}
+        if episodes < config.train.episodes:  # a start that trains nothing makes nothing
+            meta = _meta(run, describe() | {"precision": precision}, episodes)
+            files[META_NAME] = json.dumps(meta, indent=2) + "\n"
+        write_files(run, files)
         yield
 
 
@@ -109,26 +106,6 @@ def _meta(run: Path, start: dict[str, Any], episodes: int) -> dict[str, Any]:
     return first | {"resumed": [*first.get("resumed", []), {"episodes": episodes, **start}]}
 
 
-def _hold(lock: TextIO, run: Path) -> None:
-    """Hold a file until it is closed or this process ends; workers do not inherit the lock."""
-    try:
-        import fcntl
-    except ImportError:  # no such locks here
-        return
-    try:
-        fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except (BlockingIOError, PermissionError) as error:
-        raise CheckpointError(
-            f"{run}: another process trains here; wait for it, or give another --out"
-        ) from error
-    except OSError:  # nor on this file system
-        return
-
-
-def _cannot_write(run: Path, error: OSError) -> CheckpointError:
-    return CheckpointError(f"{run}: cannot write the run: {error.strerror}")
-
-
 def read_config(run: Path) -> Config:
     """The configuration that made a run.
 
@@ -139,7 +116,7 @@ def read_config(run: Path) -> Config:
     if not path.exists():
         raise CheckpointError(f"{run}: expected the directory of a run, found no {CONFIG_NAME} in it")
     try:
-        return load_config([path])
+        return load_config([path], may_be_pipe=False)
     except ConfigError as error:
         raise CheckpointError(f"{path}: damaged configuration: {error}") from error
 
@@ -181,12 +158,6 @@ def describe() -> dict[str, Any]:
 
 def _changed_keys(old: Config, new: Config) -> set[str]:
     return set(differing_keys([flat_config(old), flat_config(new)]))
-
-
-def _write(path: Path, text: str) -> None:
-    temporary = path.with_name(path.name + ".tmp")
-    temporary.write_text(text, encoding="utf-8")
-    temporary.replace(path)
 
 
 def _commit() -> str | None:

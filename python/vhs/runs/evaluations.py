@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from vhs.errors import CheckpointError
-from vhs.runs.files import write_texts
+from vhs.runs.files import write_files
 
 EVALUATIONS_NAME = "eval.json"
 
@@ -30,7 +30,7 @@ def record_evaluation(run: Path, evaluation: Mapping[str, Any]) -> None:
     """
     others = [entry for entry in read_evaluations(run) if _identity(entry) != _identity(evaluation)]
     entries = sorted([*others, dict(evaluation)], key=_identity)
-    write_texts(run, {EVALUATIONS_NAME: json.dumps(entries, indent=2) + "\n"})
+    write_files(run, {EVALUATIONS_NAME: json.dumps(entries, indent=2) + "\n"})
 
 
 def read_evaluations(run: Path) -> list[dict[str, Any]]:

@@ -18,7 +18,7 @@ from vhs.acting.actor import Actor
 from vhs.acting.policy import Policy
 from vhs.envs import OBJECT_NAMES, RoomEnv
 from vhs.envs.config import FIRST_INTERACTION
-from vhs.train.build import make_buffer
+from vhs.train.build import make_buffer, make_spec
 
 MOVEMENTS = ("MoveForward", "TurnLeft", "TurnRight")
 STREAM = np.zeros(1, dtype=np.int64)
@@ -103,7 +103,7 @@ def run_episode(agent: Policy, actor: Actor, room: RoomEnv, seed: int) -> Iterat
     Yields:
         Its moments, from the reset to the outcome.
     """
-    buffer = make_buffer(agent.config, room, 1, 1)
+    buffer = make_buffer(agent.config, make_spec(agent.config, room), 1, 1)
     observation, _ = room.reset(seed=seed)
     buffer.begin(0, observation["image"], room.goal, room.interaction)
     actor.begin(0, agent.goals.begin(room.goal), room.interaction)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from types import TracebackType
-from typing import TextIO
 
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
+from vhs.console import Output, make_console
 from vhs.sweep.plan import EvalSection, PlannedRun
 from vhs.sweep.state import find_evaluation, newest_row
 
@@ -17,22 +15,21 @@ from vhs.sweep.state import find_evaluation, newest_row
 class SweepDisplay:
     """Tells a person how a sweep goes."""
 
-    def __init__(self, total: int, stream: TextIO | None = None) -> None:
-        """Show `total` runs on `stream`, standard output by default."""
+    def __init__(self, total: int, output: Output) -> None:
+        """Show `total` runs."""
         self._total = total
         self._ended = 0
-        self._console = Console(file=stream or sys.stdout)
-        self._is_unread = False
+        self._output = output
         self._tasks: dict[str, TaskID] = {}
         self._bars: Progress | None = None
-        if self._console.is_terminal:
+        if output.isatty():
             self._bars = Progress(
-                TextColumn("{task.fields[name]}"),
+                TextColumn("{task.fields[name]}", markup=False),
                 BarColumn(bar_width=8),
                 MofNCompleteColumn(),
-                TextColumn("{task.description}"),
+                TextColumn("{task.description}", markup=False),
                 TimeRemainingColumn(),
-                console=self._console,
+                console=make_console(output),
             )
 
     def begin(self, run: PlannedRun, directory: Path) -> None:
@@ -58,14 +55,11 @@ class SweepDisplay:
         self.say(f"[{self._ended:>{len(str(self._total))}}/{self._total}] {run.name}: {text}")
 
     def say(self, text: str) -> None:
-        """A line; nobody reading (``vhs sweep FILE | head``) is no error: the runs go on."""
-        if self._console.is_terminal:
-            self._console.print(text, highlight=False, markup=False, soft_wrap=True)
-        elif not self._is_unread:
-            try:
-                print(text, file=self._console.file, flush=True)
-            except BrokenPipeError:
-                self._is_unread = True
+        """A line; bars stay below it."""
+        if self._bars is not None:
+            self._bars.console.print(text, soft_wrap=True)
+        else:
+            self._output.say(text)
 
     def __enter__(self) -> SweepDisplay:
         """The display itself."""

@@ -13,15 +13,18 @@ import sys
 import time
 from collections import deque
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
+from vhs.console import Output
 from vhs.errors import ConfigError, VhsError
-from vhs.runs.directory import check_run
+from vhs.runs.directory import LOCK_NAME, check_run
+from vhs.runs.files import writing
+from vhs.runs.lock import hold
 from vhs.sweep import launch
 from vhs.sweep.display import SweepDisplay, describe_result
-from vhs.sweep.lock import hold
 from vhs.sweep.plan import EvalSection, PlannedRun, plan_runs, read_sweep
 from vhs.sweep.state import Stage, newest_row, next_stage
 from vhs.train.build import check_runnable
@@ -30,7 +33,7 @@ from vhs.train.interrupt import StopRequest, stop_on_signal
 _POLL_S = 0.2
 _DISPLAY_S = 2.0
 _PATIENCE_S = 60.0
-"""Of a sweep that ends early with its runs, which save before they end."""
+"""Of a sweep that ends early with its runs, or that finds runs of a killed one: they save before they end."""
 
 
 def sweep(
@@ -65,12 +68,32 @@ def sweep(
     for run in runs:
         check_runnable(run.config)
         check_run(run.config, out / run.name)
-    with hold(out, stream) as lock, SweepDisplay(len(runs), stream) as display, stop_on_signal() as stop:
+    output = Output(stream)
+    with (
+        _hold(out, output) as lock,
+        SweepDisplay(len(runs), output) as display,
+        stop_on_signal() as stop,
+    ):
         status = _Sweep(runs, content.eval, out, slots, lock, display).run(stop)
         if status == 0:
             for task in sorted({run.config.task for run in runs}):
                 display.say(f"compare them:  vhs compare {out / task}-*")
         return status
+
+
+def _hold(out: Path, output: Output) -> AbstractContextManager[int]:
+    """Make the directory of a sweep, with `logs/`, and hold it as long as one of its runs lives."""
+    if sys.platform == "win32":
+        raise ConfigError(f"vhs sweep: expected Linux or macOS, found {sys.platform}")
+    with writing(out):
+        (out / "logs").mkdir(parents=True, exist_ok=True)
+    return hold(
+        out / LOCK_NAME,
+        f"{out}: another sweep is at work here",
+        by_children=True,
+        patience_s=_PATIENCE_S,
+        wait=lambda: output.say(f"{out}: waiting for another sweep, or for runs that it left behind to save"),
+    )
 
 
 def share_cores(cores: Sequence[int], jobs: int | None) -> list[tuple[int, ...]]:

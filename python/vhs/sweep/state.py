@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from vhs.errors import VhsError
 from vhs.runs.checkpoint import newest_checkpoint
 from vhs.runs.evaluations import read_evaluations
-from vhs.runs.log import read_log
+from vhs.runs.rows import read_log
 from vhs.sweep.plan import EvalSection, PlannedRun
 
 Stage = Literal["train", "eval", "finished"]
@@ -34,9 +33,6 @@ def find_evaluation(directory: Path, evaluation: EvalSection) -> Mapping[str, An
 
 
 def newest_row(directory: Path) -> Mapping[str, Any] | None:
-    """The last row of a run's log; None where there is none that can be read."""
-    try:
-        rows = read_log(directory)
-    except VhsError:
-        return None
+    """The last row of a run's log that can be read; None where there is none."""
+    rows = read_log(directory, on_damage=lambda error: None)
     return rows[-1] if rows else None

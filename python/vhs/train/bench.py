@@ -15,8 +15,8 @@ import torch
 
 from vhs.config import Config
 from vhs.errors import OutputError
-from vhs.runs.log import RunLog
 from vhs.train.build import check_runnable, convolution_dtype, make_envs, make_rooms
+from vhs.train.log import TrainingLog
 from vhs.train.loop import Session
 from vhs.train.memory import keep_freed_memory
 
@@ -105,7 +105,7 @@ def _training(config: Config, seconds: float) -> tuple[float, float]:
         run = Path(directory)
         with (
             closing(Session(soon, run)) as session,
-            RunLog(run, config.train.episodes, 0, io.StringIO()) as log,
+            TrainingLog(run, config.train.episodes, 0, io.StringIO()) as log,
         ):
             _advance(session, log, seconds / 2)
             patience = time.monotonic() + 6 * seconds
@@ -122,7 +122,7 @@ def _training(config: Config, seconds: float) -> tuple[float, float]:
     return steps / taken, episodes / taken
 
 
-def _advance(session: Session, log: RunLog, seconds: float) -> float:
+def _advance(session: Session, log: TrainingLog, seconds: float) -> float:
     began = time.monotonic()
     while time.monotonic() - began < seconds:
         session.advance(log)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import sys
 from dataclasses import fields
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium
-import numpy as np
 import torch
 
 from vhs import EpisodeBuffer, Rng
 from vhs.acting.stepping import LocalRooms, PooledRooms, Rooms
+from vhs.buffer import make_buffer as buffer_of
 from vhs.config import Config
 from vhs.config.load import unknown_key
 from vhs.envs import OBJECT_NAMES, TASKS, RoomConfig, Task
@@ -20,6 +20,7 @@ from vhs.errors import ConfigError
 from vhs.learning.goals import make_goals
 from vhs.learning.learner import Learner
 from vhs.models import make_agent, pick_device
+from vhs.task import TaskSpec, read_spec
 
 
 def room_config(config: Config) -> RoomConfig:
@@ -67,49 +68,45 @@ def make_rooms(config: Config, count: int) -> Rooms:
     return PooledRooms(pool, config.env.min_ready)
 
 
-class Spec(NamedTuple):
-    """What a learner must know of a task."""
-
-    frame_shape: tuple[int, ...]
-    num_actions: int
-    num_interactions: int
-    num_goals: int
-    success_reward: float
-
-
-def make_spec(config: Config, env: gymnasium.Env[Any, Any]) -> Spec:
-    """The sizes of a room, and what it pays for the last step of a success."""
-    image, interactions, actions = _spaces(env)
+def make_spec(config: Config, env: gymnasium.Env[Any, Any]) -> TaskSpec:
+    """Sizes and types of the configured task, read off one of its environments."""
     room = room_config(config)
-    return Spec(image, actions, interactions, num_goals(env), room.reward_success + room.reward_step)
-
-
-def make_buffer(
-    config: Config, env: gymnasium.Env[Any, Any], num_streams: int, num_waiting: int
-) -> EpisodeBuffer:
-    """An episode buffer for `num_streams` running and `num_waiting` ended episodes."""
-    image, interactions, _ = _spaces(env)
-    horizon = room_config(config).horizon_steps
-    return EpisodeBuffer(
-        image,
-        num_streams=num_streams,
-        max_episode_steps=horizon,
-        capacity_steps=(num_streams + num_waiting) * horizon,
-        frame_stack=config.model.frame_stack,
-        num_goals=num_goals(env),
-        num_interactions=interactions,
+    return read_spec(
+        env,
+        max_episode_steps=room.horizon_steps,
+        interactions=task_of(config).interactions,
+        success_reward=room.reward_success + room.reward_step,
     )
 
 
-def make_learner(config: Config, spec: Spec) -> Learner:
-    """The learner at its beginning, before any episode."""
+def make_buffer(config: Config, spec: TaskSpec, num_streams: int, num_waiting: int) -> EpisodeBuffer:
+    """An episode buffer for `num_streams` running and `num_waiting` ended episodes."""
+    return buffer_of(
+        spec,
+        num_streams=num_streams,
+        capacity_steps=(num_streams + num_waiting) * spec.max_episode_steps,
+        frame_stack=config.model.frame_stack,
+    )
+
+
+def make_learner(config: Config, spec: TaskSpec) -> Learner:
+    """The learner at its beginning, before any episode.
+
+    Raises:
+        ConfigError: the method asks for what the task does not say.
+    """
+    if config.method.value_target == "hindsight_return" and spec.success_reward is None:
+        raise ConfigError(
+            "method.value_target: expected behaviour for a task that does not say what a success pays, "
+            "found hindsight_return"
+        )
     agent, dtype = make_agent(config, spec), convolution_dtype(config)
     return Learner(
         agent,
         make_goals(config, agent, spec.num_goals, dtype),
         method=config.method,
         train=config.train,
-        success_reward=spec.success_reward,
+        success_reward=spec.success_reward or 0.0,
         dtype=dtype,
         rng=Rng(config.seed),
     )
@@ -165,11 +162,6 @@ def check_runnable(config: Config) -> None:
         raise ConfigError(f"train.device: {config.train.device!r} cannot be used: {error}") from error
 
 
-def num_goals(env: gymnasium.Env[Any, Any]) -> int:
-    """Number of goal classes of `env`."""
-    return int(_space(env)["goal"].n)
-
-
 def _has_workers() -> bool:
     """Whether rooms can be stepped in worker processes here."""
     return sys.platform.startswith("linux")
@@ -177,15 +169,3 @@ def _has_workers() -> bool:
 
 def _cpu_multiplies_bfloat16() -> bool:
     return bool(torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported())
-
-
-def _space(env: gymnasium.Env[Any, Any]) -> Any:
-    """The observation space as the untyped mapping that it is."""
-    return env.observation_space
-
-
-def _spaces(env: gymnasium.Env[Any, Any]) -> tuple[tuple[int, ...], int, int]:
-    """Frame shape, number of interactions, number of actions."""
-    space, actions = _space(env), env.action_space
-    assert isinstance(actions, gymnasium.spaces.Discrete)
-    return tuple(space["image"].shape), int(space["interaction"].n), int(np.int64(actions.n))

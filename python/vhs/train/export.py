@@ -7,8 +7,6 @@
 from __future__ import annotations
 
 import json
-import shutil
-from collections.abc import Mapping
 from pathlib import Path
 
 from vhs.acting.policy import Policy, load_agent
@@ -16,6 +14,7 @@ from vhs.config import Config, dump_config
 from vhs.errors import CheckpointError
 from vhs.runs.agent_file import encode_agent
 from vhs.runs.directory import AGENT_NAME, CONFIG_NAME, META_NAME, describe, is_exported, read_meta
+from vhs.runs.files import is_partial, write_files
 from vhs.train.build import to_act_here
 
 
@@ -24,13 +23,14 @@ def export_agent(run: Path, directory: Path) -> Policy:
 
     Args:
         run: directory of the run.
-        directory: a new or an empty one; it appears complete or not at all.
+        directory: a new or an empty one, a mounted volume too; it holds a whole agent or none.
 
     Returns:
         What was exported.
 
     Raises:
-        CheckpointError: the run is missing or damaged, or the directory is not empty or cannot be written.
+        CheckpointError: the run is missing or damaged, or the directory is not empty.
+        OutputError: the directory cannot be written.
     """
     _check_free(directory)
     if is_exported(run):
@@ -42,12 +42,13 @@ def export_agent(run: Path, directory: Path) -> Policy:
     about["trained_episodes"] = str(trained.trained_episodes)
     exported = {name: describe()[name] for name in ("version", "commit", "time")}
     story = {**meta, "trained_episodes": trained.trained_episodes, "exported": exported}
-    files = {
-        CONFIG_NAME: dump_config(_on_any_machine(trained.config)).encode(),
-        META_NAME: (json.dumps(story, indent=2) + "\n").encode(),
+    files: dict[str, str | bytes] = {
         AGENT_NAME: encode_agent(trained.agent, trained.goals, about),
+        META_NAME: json.dumps(story, indent=2) + "\n",
+        # Last: a directory without a configuration is neither a run nor an agent.
+        CONFIG_NAME: dump_config(_on_any_machine(trained.config)),
     }
-    _write(directory, files)
+    write_files(directory, files)
     return trained
 
 
@@ -57,23 +58,8 @@ def _on_any_machine(config: Config) -> Config:
 
 
 def _check_free(directory: Path) -> None:
-    if directory.exists() and not (directory.is_dir() and not any(directory.iterdir())):
+    if not directory.exists():
+        return
+    if not directory.is_dir() or not all(map(is_partial, directory.iterdir())):
         kind = "other files in it" if directory.is_dir() else "a file"
         raise CheckpointError(f"{directory}: expected a new or an empty directory, found {kind}")
-
-
-def _write(directory: Path, files: Mapping[str, bytes]) -> None:
-    """Write a directory under a temporary name, then rename it."""
-    final = directory.resolve()
-    partial = final.with_name(f".partial-{final.name}")
-    try:
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
-        for name, content in files.items():
-            (partial / name).write_bytes(content)
-        if final.exists():
-            final.rmdir()
-        partial.rename(final)
-    except OSError as error:
-        shutil.rmtree(partial, ignore_errors=True)
-        raise CheckpointError(f"{directory}: cannot write the agent: {error.strerror}") from error

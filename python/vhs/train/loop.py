@@ -18,7 +18,7 @@ from vhs.acting.replay import episodes_state, resume_episodes
 from vhs.config import Config
 from vhs.runs.checkpoint import fitting, has_checkpoint, load_checkpoint, save_checkpoint
 from vhs.runs.directory import check_run, open_run
-from vhs.runs.log import RunLog, Window
+from vhs.runs.window import Window
 from vhs.train.build import (
     check_runnable,
     convolution_dtype,
@@ -29,6 +29,7 @@ from vhs.train.build import (
     make_spec,
 )
 from vhs.train.interrupt import stop_on_signal
+from vhs.train.log import TrainingLog
 from vhs.train.memory import keep_freed_memory
 
 
@@ -75,7 +76,7 @@ def train(config: Config, run: Path, stream: TextIO | None = None) -> bool:
             precision=str(convolution_dtype(config)).removeprefix("torch."),
             episodes=session.progress.episodes,
         ),
-        RunLog(
+        TrainingLog(
             run,
             config.train.episodes,
             session.progress.episodes,
@@ -108,12 +109,13 @@ class Session:
         self._run = run
         self.progress = Progress()
         env, streams = make_envs(config, 1)[0], config.env.num_envs
-        self._learner = make_learner(config, make_spec(config, env))
+        spec = make_spec(config, env)
+        self._learner = make_learner(config, spec)
         self._generator = torch.Generator().manual_seed(config.seed)
         self._window = Window()
         with fitting(run):
             state = self._restore() if has_checkpoint(run) else None
-        self._buffer = make_buffer(config, env, streams, streams + config.train.episodes_per_update)
+        self._buffer = make_buffer(config, spec, streams, streams + config.train.episodes_per_update)
         actor = Actor(self._learner.agent, streams, dtype=self._learner.dtype, generator=self._generator)
         self._begun_before = self.progress.begun
         seeds = episode_seeds(config.seed, first=self._begun_before)
@@ -139,7 +141,7 @@ class Session:
         """Whether every term of the method is at work."""
         return self._learner.has_every_term
 
-    def advance(self, log: RunLog) -> None:
+    def advance(self, log: TrainingLog) -> None:
         """One update where a whole group of episodes is waiting, one step of every room otherwise.
 
         Between two calls the run can be saved: see `vhs.acting.replay`.
@@ -168,7 +170,7 @@ class Session:
         self.progress.episodes += len(episodes)
         self.progress.env_steps += sum(episode.steps for episode in episodes)
 
-    def _write_row(self, log: RunLog) -> None:
+    def _write_row(self, log: TrainingLog) -> None:
         log.write(self._row())
         self.rows_until = self.progress.episodes
 
@@ -190,7 +192,7 @@ class Session:
         self._row_clock, self._row_steps = now, self.progress.env_steps
         return row
 
-    def finish(self, log: RunLog) -> None:
+    def finish(self, log: TrainingLog) -> None:
         """Save; episodes since the last row get a shorter row of their own, so that the log misses none.
 
         A run that goes on makes that row again, whole.
@@ -199,7 +201,7 @@ class Session:
             self._write_row(log)
         self.save(log)
 
-    def save(self, log: RunLog) -> None:
+    def save(self, log: TrainingLog) -> None:
         """Write a checkpoint, from which the run goes on as if nothing had happened."""
         log.sync()
         self._tick(time.monotonic())

@@ -1,0 +1,64 @@
+"""What a row of the log sums up: the episodes and updates since the last one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from vhs import Outcome
+from vhs.acting.episodes import EndedEpisode
+
+
+class EpisodeResult(NamedTuple):
+    """What a row sums up of an episode."""
+
+    outcome: Outcome
+    steps: int
+    episode_return: float
+
+
+class Window:
+    """Sums over the episodes and updates since the last whole row."""
+
+    def __init__(self) -> None:
+        """Start empty."""
+        self.episodes: list[EpisodeResult] = []
+        self._sums: dict[str, float] = {}
+        self._counts: dict[str, int] = {}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Everything, as plain values."""
+        episodes = [(int(e.outcome), e.steps, e.episode_return) for e in self.episodes]
+        return {"episodes": episodes, "sums": dict(self._sums), "counts": dict(self._counts)}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Return to a state that `state_dict` gave."""
+        self.episodes = [EpisodeResult(Outcome(outcome), *rest) for outcome, *rest in state["episodes"]]
+        self._sums, self._counts = dict(state["sums"]), dict(state["counts"])
+
+    def add_episodes(self, episodes: Iterable[EndedEpisode]) -> None:
+        """Take episodes that have been learned from."""
+        self.episodes += [EpisodeResult(e.outcome, e.steps, e.episode_return) for e in episodes]
+
+    def add_update(self, metrics: Mapping[str, float]) -> None:
+        """Take the losses of one update; a term is averaged over the updates that had it."""
+        for name, value in metrics.items():
+            self._sums[name] = self._sums.get(name, 0.0) + value
+            self._counts[name] = self._counts.get(name, 0) + 1
+
+    def rates(self) -> dict[str, float]:
+        """Shares of the three outcomes, mean steps and mean undiscounted return."""
+        return summarise(self.episodes)
+
+    def losses(self) -> dict[str, float]:
+        """Mean of every loss term."""
+        return {name: total / self._counts[name] for name, total in self._sums.items()}
+
+
+def summarise(episodes: Sequence[EndedEpisode | EpisodeResult]) -> dict[str, float]:
+    """Success, failure and timeout rate, mean steps and mean undiscounted return of some episodes."""
+    count = len(episodes)
+    row = {outcome.name.lower(): sum(e.outcome == outcome for e in episodes) / count for outcome in Outcome}
+    row["steps"] = sum(e.steps for e in episodes) / count
+    row["return"] = sum(e.episode_return for e in episodes) / count
+    return row
