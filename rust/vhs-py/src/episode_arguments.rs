@@ -5,9 +5,11 @@ use std::path::PathBuf;
 use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyString;
+use vhs_base::check::check_shape;
+use vhs_base::error::Error;
 use vhs_core::batch::Layout;
-use vhs_core::config::{Backing, GoalKind, Item};
-use vhs_core::error::{Error, check_shape};
+use vhs_core::config::{Backing, GoalKind};
+use vhs_core::item::Item;
 
 use crate::arrays::{checked, integer_vec, reals, shape, size, slice};
 use crate::bytes::{bytes_of, item};

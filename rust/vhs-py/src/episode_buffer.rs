@@ -3,9 +3,9 @@
 use std::sync::{Mutex, PoisonError, RwLock};
 
 use pyo3::prelude::*;
+use vhs_base::error::{Error, Result};
+use vhs_base::rng::Rng;
 use vhs_core::episodes::{self as core, Backing, EpisodeConfig, GoalKind};
-use vhs_core::error::{Error, Result};
-use vhs_core::rng::Rng;
 
 use crate::arrays::{checked, integer_vec};
 

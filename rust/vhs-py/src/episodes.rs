@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
+use vhs_base::error::Error;
 use vhs_core::episodes::{self as core, Backing, EpisodeConfig, Item, Opening, Steps};
-use vhs_core::error::Error;
 use vhs_core::windows::WindowShape;
 
 use crate::arrays::{

@@ -11,7 +11,7 @@ use pyo3::exceptions::{
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyTuple, PyType};
-use vhs_core::error::Error;
+use vhs_base::error::Error;
 use vhs_raster::Error as RasterError;
 
 /// The exception classes, in the order of `CLASSES`.

@@ -2,9 +2,9 @@
 
 use numpy::PyUntypedArrayMethods;
 use pyo3::prelude::*;
-use vhs_core::config::Item;
-use vhs_core::frames as core;
+use vhs_core::item::Item;
 use vhs_core::pool::Bytes;
+use vhs_core::storage::stacking as core;
 
 use crate::arrays::{checked, exact, slice};
 use crate::bytes::filled_bytes;

@@ -6,9 +6,10 @@ use std::sync::Mutex;
 use numpy::{PyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
-use vhs_core::config::Item;
-use vhs_core::error::{Result, check_shape};
+use vhs_base::check::check_shape;
+use vhs_base::error::Result;
 use vhs_core::goals::{self as core, Balance};
+use vhs_core::item::Item;
 
 use crate::arrays::{
     checked, detached, exact, integer, integer_vec, into_array, rows, seed, shape, size, slice,

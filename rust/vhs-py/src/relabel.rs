@@ -5,10 +5,10 @@ use std::sync::{Mutex, PoisonError};
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
-use vhs_core::error::Error;
+use vhs_base::error::Error;
+use vhs_base::rng::Rng as CoreRng;
 use vhs_core::outcome::{Outcome, OutcomeSet};
 use vhs_core::relabel as core;
-use vhs_core::rng::Rng as CoreRng;
 
 use crate::arrays::{checked, integer, into_array, seed, type_name};
 use crate::batch::EpisodeBatch;

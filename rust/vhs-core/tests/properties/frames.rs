@@ -1,7 +1,7 @@
 //! Stacked frames as channels, against an index for every byte.
 
 use proptest::prelude::*;
-use vhs_core::frames::stack_channels;
+use vhs_core::storage::stacking::stack_channels;
 
 proptest! {
     #[test]

@@ -3,6 +3,7 @@
 mod support;
 
 mod episodes;
+mod errors;
 mod frames;
 mod goals;
 mod persist;
