@@ -32,7 +32,6 @@ from vhs._core import (
     WindowBatch,
     discounted_returns,
     relabel,
-    stack_channels,
 )
 from vhs._core import __version__ as __version__
 from vhs.outcome import Outcome
@@ -73,7 +72,6 @@ __all__ = [
     "WindowBatch",
     "discounted_returns",
     "relabel",
-    "stack_channels",
 ]
 
 

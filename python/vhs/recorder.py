@@ -10,7 +10,7 @@ always has it. It needs gymnasium; `import vhs` alone does not import it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from typing import Any, Literal, SupportsFloat
@@ -205,6 +205,8 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             return None
         goal = _converted(goal, self.buffer.goal_dtype)
         if self.buffer.goals == "observations" and goal.shape == self.buffer.frame_shape:
+            if self.buffer.stacking == "channels":
+                return np.concatenate([goal] * self.buffer.frame_stack, axis=-1)
             return np.broadcast_to(goal, self.buffer.goal_shape)
         return goal
 
@@ -253,6 +255,7 @@ def make_buffer(
     frame_stack: int = 1,
     num_goals: int | None = None,
     num_interactions: int = 0,
+    interactions: Mapping[int, int] | None = None,
     backing: str | PathLike[str] = "memory",
     seed: int = 0,
 ) -> EpisodeBuffer:
@@ -266,13 +269,15 @@ def make_buffer(
         num_streams: Environments that will feed the buffer.
         frame_stack: Frames in one observation.
         num_goals: Goal classes, where an instruction names one; None: those of the space's "goal", else 1.
-        num_interactions: Interactions, where an instruction names one: the environment's last actions.
+        num_interactions: Interactions, where an instruction names one; `interactions` may name more.
+        interactions: The interaction that each of the environment's actions does, as for `EpisodeBuffer`:
+            needed where there are several.
         backing: As for `EpisodeBuffer`.
         seed: Of the buffer's generator.
 
     Raises:
-        ArgumentError: For an environment without a limit of steps where none is given, or with actions that
-            are neither numbered nor real.
+        ArgumentError: For an environment without a limit of steps where none is given, with actions that are
+            neither numbered nor real, or with several interactions and no word of which action does which.
     """
     observation, _ = env.reset()
     seen = (reader or reader_of(env.observation_space))(observation)
@@ -286,7 +291,7 @@ def make_buffer(
         vectors = {"goals": "vectors", "goal_shape": goal.shape, "goal_dtype": _stored(goal.dtype)}
     elif seen.desired_goal is not None:
         vectors = {"goals": "observations"}
-    numbered, dim = _actions(env.action_space)
+    (numbered, dim), start = _actions(env.action_space), int(getattr(env.action_space, "start", 0))
     return EpisodeBuffer(
         frame.shape,
         num_streams=num_streams,
@@ -294,8 +299,9 @@ def make_buffer(
         capacity_steps=capacity_steps,
         frame_stack=frame_stack,
         num_goals=_goal_classes(env.observation_space) if num_goals is None else num_goals,
-        num_interactions=num_interactions,
-        first_interaction_action=numbered - num_interactions,
+        num_actions=numbered,
+        interactions={action - start: done for action, done in (interactions or {}).items()},
+        num_interactions=max([num_interactions, *(done + 1 for done in (interactions or {}).values())]),
         dtype=_stored(frame.dtype),
         action_dim=dim,
         backing=backing,
@@ -309,13 +315,12 @@ def _goal_classes(space: spaces.Space[Any]) -> int:
     return int(goal.start + goal.n) if isinstance(goal, spaces.Discrete) else 1
 
 
-def _actions(space: spaces.Space[Any]) -> tuple[int, int]:
-    """Numbered actions and numbers in a continuous action; the latter 0 where actions are numbered."""
+def _actions(space: spaces.Space[Any]) -> tuple[int | None, int]:
+    """Numbered actions, and numbers in a continuous action: of the two, None or 0 where it is the other."""
     if isinstance(space, spaces.Discrete):
         return int(space.n), 0
     if isinstance(space, spaces.Box):
-        # A buffer of continuous actions still has one numbered action, which nobody takes.
-        return 1, int(np.prod(space.shape))
+        return None, int(np.prod(space.shape))
     raise ArgumentError(f"`env`: expected Discrete or Box actions, got {space}")
 
 

@@ -25,8 +25,9 @@ def make_vhs(*overrides: str) -> VHS:
         [], ["method.warmup=6", "method.supcon_batch=12", "method.prototype_samples=4", *overrides]
     )
     torch.manual_seed(0)
+    extractor = FeatureExtractor(FRAME, 2, (4, 4, 4, 4), DIM)
     agent = GoalAgent(
-        FeatureExtractor(FRAME, 2, (4, 4, 4, 4), DIM),
+        extractor,
         num_actions=3 + INTERACTIONS,
         num_interactions=INTERACTIONS,
         hidden_dim=12,
@@ -35,7 +36,7 @@ def make_vhs(*overrides: str) -> VHS:
     )
     return VHS(
         agent,
-        GoalStore(GOALS, (2, *FRAME), 50, seed=0),
+        GoalStore(GOALS, extractor.observation_shape, 50, seed=0),
         Prototypes(GOALS, DIM, momentum=0.0 if config.method.prototype == "exact" else 0.9, seed=0),
         method=config.method,
         train=config.train,
@@ -49,7 +50,7 @@ def fill_store(vhs: VHS, per_class: int = 5) -> None:
     rng = np.random.default_rng(7)
     for label in range(GOALS):
         for _ in range(per_class):
-            vhs.goal_store.push(rng.integers(0, 256, (2, *FRAME), dtype=np.uint8), label)
+            vhs.goal_store.push(rng.integers(0, 256, vhs.goal_store.observation_shape, dtype=np.uint8), label)
 
 
 def make_batch(outcomes: list[Outcome], last_action: int = 4) -> EpisodeBatch:
@@ -61,8 +62,9 @@ def make_batch(outcomes: list[Outcome], last_action: int = 4) -> EpisodeBatch:
         max_episode_steps=20,
         capacity_steps=400,
         frame_stack=2,
+        stacking="channels",
         num_goals=GOALS,
-        num_interactions=INTERACTIONS,
+        interactions={3 + number: number for number in range(INTERACTIONS)},
     )
     ids = []
     for episode, outcome in enumerate(outcomes):
@@ -211,7 +213,7 @@ def test_prototypes_are_noise_until_the_store_is_warm_and_then_the_mean_of_featu
 def test_exact_prototypes_embed_stored_images_of_their_class_alone() -> None:
     vhs = make_vhs("method.prototype=exact")
     assert not torch.equal(vhs.embed_goal(2), vhs.embed_goal(2)), "noise while the class is empty"
-    image = np.full((2, *FRAME), 90, dtype=np.uint8)
+    image = np.full(vhs.goal_store.observation_shape, 90, dtype=np.uint8)
     vhs.goal_store.push(image, 2)
     assert not vhs.is_warm
     vhs.agent.eval()

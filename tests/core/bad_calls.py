@@ -200,13 +200,43 @@ BAD_CALLS: list[tuple[type[Exception], str, Call]] = [
     ),
     (
         vhs.ArgumentError,
-        "`num_actions`: expected at least num_interactions = 3, got 2",
-        lambda _: new_buffer(num_actions=2, num_interactions=3),
+        "`interactions`: expected which action does which of num_interactions = 3, got none",
+        lambda _: new_buffer(num_actions=6, num_interactions=3),
     ),
     (
         vhs.ArgumentError,
-        "`num_actions`: expected either it or first_interaction_action, got both",
-        lambda _: new_buffer(num_actions=4, first_interaction_action=3),
+        "`interactions`: expected actions in 0..4 that do interactions in 0..2, got action 4, interaction 1",
+        lambda _: new_buffer(num_actions=4, interactions={3: 0, 4: 1}),
+    ),
+    (
+        vhs.ArgumentError,
+        "`interactions`: expected actions in 0..1048576 that do interactions in 0..1",
+        lambda _: new_buffer(num_interactions=1, interactions={3: 1}),
+    ),
+    (
+        vhs.ArgumentError,
+        "`interactions`: expected actions in 0..1048576 that do interactions in 0..0",
+        lambda _: new_buffer(interactions={3: -1}),
+    ),
+    (
+        vhs.ArgumentError,
+        "`interactions`: expected none where actions are continuous, got some",
+        lambda _: new_buffer(action_dim=2, interactions={3: 0}),
+    ),
+    (
+        vhs.DtypeError,
+        "`interactions`: expected a mapping of actions to interactions, such as {3: 0}, got list",
+        lambda _: new_buffer(interactions=[3]),
+    ),
+    (
+        vhs.DtypeError,
+        "`interactions`: expected an integer, got str",
+        lambda _: new_buffer(interactions={"3": 0}),
+    ),
+    (
+        vhs.ArgumentError,
+        '`stacking`: expected "frames", "channels", got "rows"',
+        lambda _: new_buffer(stacking="rows"),
     ),
     # How to relabel, where nothing says that anything is
     (
@@ -250,8 +280,8 @@ BAD_CALLS: list[tuple[type[Exception], str, Call]] = [
     (vhs.ArgumentError, "`num_interactions`: expected a number in 0..=", sizes(num_interactions=HUGE)),
     (
         vhs.ArgumentError,
-        "`actions`: expected a number in 1..=",
-        sizes(num_interactions=0, first_interaction_action=0),
+        "`num_actions`: expected a number in 1..=",
+        sizes(num_actions=0),
     ),
     # Goals
     (vhs.ShapeError, "`observation`: expected shape [2, 3], got [3, 2]", push(np.zeros((3, 2), np.uint8), 0)),

@@ -77,13 +77,18 @@ def make_goals(path: Path) -> None:
 
 
 def make_labels(path: Path) -> None:
-    """Numbered actions, goals by class, three interactions that actions 3 to 5 do."""
-    record(path, {"num_goals": 4, "num_interactions": 3, "first_interaction_action": 3})
+    """Numbered actions, goals by class, three interactions, not in the order of their actions."""
+    record(path, {"num_goals": 4, "num_actions": 6, "interactions": {5: 0, 3: 2, 4: 1}})
 
 
 def make_observations(path: Path) -> None:
     """Numbered actions, goals that are pictures, frames in a scratch file."""
     record(path, {"goals": "observations", "backing": path.with_suffix(".scratch")})
+
+
+def make_channels(path: Path) -> None:
+    """Frames stacked as the channels of one picture, any number of actions."""
+    record(path, {"stacking": "channels"})
 
 
 def make_vectors(path: Path) -> None:
@@ -130,9 +135,10 @@ def record(path: Path, kind: dict[str, object]) -> None:
 
 FILES = {
     "goals-1.vhs": (make_goals, of_goals),
-    "episodes-1-labels.vhs": (make_labels, of_episodes),
-    "episodes-1-observations.vhs": (make_observations, of_episodes),
-    "episodes-1-vectors.vhs": (make_vectors, of_episodes),
+    "episodes-2-labels.vhs": (make_labels, of_episodes),
+    "episodes-2-observations.vhs": (make_observations, of_episodes),
+    "episodes-2-vectors.vhs": (make_vectors, of_episodes),
+    "episodes-2-channels.vhs": (make_channels, of_episodes),
 }
 
 

@@ -170,13 +170,18 @@ def test_our_rooms_are_read_without_being_told_how() -> None:
             seen = {"image": np.full((8, 8, 3), 2, np.uint8), "goal": 3, "interaction": 2}
             return seen, -1.0, True, False, {"outcome": "failure"}
 
-    buffer = make_buffer(Room(), capacity_steps=9, max_episode_steps=3, num_goals=5, num_interactions=3)
+    with pytest.raises(vhs.ArgumentError, match="`interactions`: expected which action does which of"):
+        make_buffer(Room(), capacity_steps=9, max_episode_steps=3, num_interactions=3)
+    interactions = {3: 0, 4: 1, 5: 2}
+    buffer = make_buffer(
+        Room(), capacity_steps=9, max_episode_steps=3, num_goals=5, interactions=interactions
+    )
     env = HindsightRecorder(Room(), buffer)
     env.reset()
     env.step(4)
     batch = buffer.sample_episodes(1, "final")
     assert (batch.goals[0], batch.interactions[0], batch.outcomes[0]) == (3, 2, vhs.Outcome.FAILURE)
-    assert batch.hindsight.interactions[0] == 1  # action 4 does interaction 1 of three, after three moves
+    assert batch.hindsight.interactions[0] == 1  # what action 4 does
 
 
 def test_a_function_reads_what_no_rule_knows() -> None:

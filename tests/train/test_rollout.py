@@ -67,7 +67,7 @@ def make_rollout(seeds: list[int], streams: int = 3, greedy: bool = False) -> tu
         capacity_steps=500,
         frame_stack=2,
         num_goals=3,
-        num_interactions=2,
+        interactions={3: 0, 4: 1},
     )
     actor = Actor(
         agent,

@@ -54,6 +54,7 @@ def look_at_goals(agent: TrainedAgent) -> StoredGoals | None:
     if not found:
         return None
     observations = np.concatenate([images for _, images in found])
+    colours = observations.shape[-1] // agent.config.model.frame_stack
     prototypes = learner.prototypes
     table, seen = prototypes.table, prototypes.seen
     if agent.config.method.prototype == "exact":
@@ -63,7 +64,7 @@ def look_at_goals(agent: TrainedAgent) -> StoredGoals | None:
             seen[label] = True
     return StoredGoals(
         counts=store.counts,
-        frames=np.ascontiguousarray(observations[:, -1]),
+        frames=np.ascontiguousarray(observations[..., -colours:]),
         labels=np.concatenate([np.full(len(images), label, dtype=np.int64) for label, images in found]),
         features=_embed(agent, observations),
         prototypes=table,

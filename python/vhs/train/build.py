@@ -16,6 +16,7 @@ from vhs import EpisodeBuffer, GoalStore, Prototypes, Rng
 from vhs.algorithms import ALGORITHMS, VHS
 from vhs.config import Config, unknown_key
 from vhs.envs import OBJECT_NAMES, TASKS, RoomConfig, Task
+from vhs.envs.config import FIRST_INTERACTION
 from vhs.envs.rendering import check_renderer
 from vhs.errors import ConfigError
 from vhs.models import DiscriminativeAgent, FeatureExtractor, GoalAgent, pick_device
@@ -93,7 +94,7 @@ def make_buffer(
     config: Config, env: gymnasium.Env[Any, Any], num_streams: int, num_waiting: int
 ) -> EpisodeBuffer:
     """An episode buffer for `num_streams` running and `num_waiting` ended episodes."""
-    image, interactions, _ = _spaces(env)
+    image, interactions, actions = _spaces(env)
     horizon = room_config(config).horizon_steps
     return EpisodeBuffer(
         image,
@@ -101,18 +102,21 @@ def make_buffer(
         max_episode_steps=horizon,
         capacity_steps=(num_streams + num_waiting) * horizon,
         frame_stack=config.model.frame_stack,
+        stacking="channels",
         num_goals=num_goals(env),
+        num_actions=actions,
+        interactions={action: action - FIRST_INTERACTION for action in range(FIRST_INTERACTION, actions)},
         num_interactions=interactions,
     )
 
 
 def make_learner(config: Config, env: gymnasium.Env[Any, Any]) -> VHS:
     """The learner at its beginning, before any episode."""
-    image, _, _ = _spaces(env)
+    agent = make_agent(config, env)
     room, method, classes = room_config(config), config.method, num_goals(env)
     return ALGORITHMS[method.name](
-        make_agent(config, env),
-        GoalStore(classes, (config.model.frame_stack, *image), method.goal_capacity, seed=config.seed),
+        agent,
+        GoalStore(classes, agent.extractor.observation_shape, method.goal_capacity, seed=config.seed),
         Prototypes(classes, config.model.feature_dim, momentum=prototype_momentum(config), seed=config.seed),
         method=method,
         train=config.train,

@@ -50,6 +50,13 @@ impl Rng {
         (state != [0; 4]).then_some(Self { state })
     }
 
+    /// A generator for one call alone, which starts at the next number of this one: calls may draw side by
+    /// side, and the same calls in the same order draw the same.
+    #[must_use]
+    pub fn split(&mut self) -> Self {
+        Self::new(self.next_u64())
+    }
+
     /// 64 random bits.
     pub fn next_u64(&mut self) -> u64 {
         let [s0, s1, s2, s3] = &mut self.state;

@@ -153,14 +153,6 @@ pub(crate) fn dtype(field: &str, expected: &str, got: &str) -> PyErr {
     )
 }
 
-/// An array with another number of axes.
-pub(crate) fn axes(field: &str, expected: &str, got: &[usize]) -> PyErr {
-    raise(
-        Kind::Shape,
-        format!("`{field}`: expected shape {expected}, got {got:?}"),
-    )
-}
-
 /// An array that cannot be used where it lies.
 pub(crate) fn layout(field: &str, expected: &str, got: &str) -> PyErr {
     raise(

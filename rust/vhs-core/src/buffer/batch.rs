@@ -4,6 +4,7 @@
 //! memory and time; [`Layout::Padded`] is for learners that want a rectangle. The small per-step arrays are
 //! always padded with zeros to the longest episode.
 
+use crate::buffer::config::EpisodeConfig;
 use crate::buffer::episode::Episode;
 use crate::buffer::episodes::EpisodeBuffer;
 use crate::hindsight::rule::{EpisodeEnd, Hindsight, Rule};
@@ -62,7 +63,7 @@ pub struct BatchIndex {
 /// A batch with its images.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Batch {
-    /// Stacked observations, `[rows, frame_stack, *frame_shape]`, packed.
+    /// Observations, `[rows, *observation_shape]`, packed.
     pub observations: Bytes,
     /// The goals that episodes were told, `[B, *goal]`; empty where those are class numbers alone.
     pub desired_goals: Bytes,
@@ -101,8 +102,8 @@ impl BatchIndex {
         })
     }
 
-    fn add(&mut self, id: i64, episode: &Episode, layout: Layout, dim: usize) {
-        let (row, length) = (self.rows, episode.len());
+    fn add(&mut self, id: i64, episode: &Episode, layout: Layout, config: &EpisodeConfig) {
+        let (row, length, dim) = (self.rows, episode.len(), config.action_dim);
         let start = self.ids.len() * self.longest;
         let steps = start..start + length;
         if dim == 0 {
@@ -122,8 +123,8 @@ impl BatchIndex {
         self.ends.push(EpisodeEnd {
             outcome: episode.outcome(),
             interaction: episode.interaction(),
-            // A continuous action does no interaction.
-            last_action: episode.actions().last().copied().unwrap_or(-1),
+            // A continuous action does none.
+            done: config.interaction_of(episode.actions().last()),
             final_row: label_of(row + length),
         });
         self.rows += match layout {
@@ -199,9 +200,9 @@ impl EpisodeBuffer {
         let mut achieved_goals = Bytes::take("gather", reached)?;
         if vector > 0 {
             self.write_rows(&index, vector, &mut achieved_goals, |place, out| {
-                let episode = episodes[place];
-                let rows = 0..=episode.len();
-                copy_parts(rows.flat_map(|t| self.goal_parts(episode, t)), out);
+                for (t, row) in out.chunks_exact_mut(vector).enumerate() {
+                    self.write_reached(episodes[place], t, row);
+                }
             });
         }
         Ok(Batch {
@@ -221,9 +222,9 @@ impl EpisodeBuffer {
         out: &mut [u8],
     ) {
         self.write_rows(index, row_bytes, out, |place, out| {
-            let episode = episodes[place];
-            let rows = 0..=episode.len();
-            copy_parts(rows.flat_map(|t| self.observation_frames(episode, t)), out);
+            for (t, row) in out.chunks_exact_mut(row_bytes).enumerate() {
+                self.write_observation(episodes[place], t, row);
+            }
         });
     }
 
@@ -253,10 +254,7 @@ impl EpisodeBuffer {
     /// [`Error::Empty`] where no finished episode is stored, [`Error::Argument`] for `n = 0`,
     /// [`Error::Memory`].
     pub fn draw_ids(&mut self, n: usize) -> Result<Vec<i64>> {
-        let mut rng = self.rng.clone();
-        let ids = self.draw_ids_with(n, &mut rng)?;
-        self.rng = rng;
-        Ok(ids)
+        self.with_rng(|buffer, rng| buffer.draw_ids_with(n, rng))
     }
 
     /// As [`EpisodeBuffer::draw_ids`], from a generator of the caller.
@@ -280,8 +278,8 @@ impl EpisodeBuffer {
     /// Draws `n` finished episodes, uniformly and with replacement, and relabels them where a rule
     /// is given.
     ///
-    /// The draws come from the buffer's own generator: first the episodes, then one draw an episode
-    /// for the rule.
+    /// The draws start at one number of the buffer's generator: first the episodes, then one draw an
+    /// episode for the rule.
     ///
     /// ```
     /// use vhs_core::episodes::{EpisodeBuffer, EpisodeConfig, Steps};
@@ -289,14 +287,14 @@ impl EpisodeBuffer {
     /// use vhs_core::relabel::Rule;
     /// # let mut buffer = EpisodeBuffer::new(EpisodeConfig {
     /// #     frame_shape: vec![2], max_episode_steps: 20, capacity_steps: 100, frame_stack: 2, num_goals: 5,
-    /// #     num_interactions: 3, ..EpisodeConfig::default()
+    /// #     num_interactions: 3, interactions: [(3, 0), (4, 1), (5, 2)].into(), ..EpisodeConfig::default()
     /// # })?;
     /// buffer.begin(0, &[10, 11], 4, 0)?; // goal 4, interaction 0
     /// let (streams, actions, rewards, values) = (&[0], &[5], &[-1.0], &[0.5]);
     /// buffer.append(Steps { streams, actions, rewards, values, frames: &[20, 21], ..Steps::default() })?;
     /// buffer.finish(0, Outcome::Failure)?;
     ///
-    /// let rule = Rule::new([Outcome::Failure].into_iter().collect(), 1.0, 3)?;
+    /// let rule = Rule::new([Outcome::Failure].into_iter().collect(), 1.0)?;
     /// let (batch, hindsight) = buffer.sample(1, Some(&rule))?;
     /// let hindsight = hindsight.expect("a rule was given");
     /// // The goal is now the final observation, row 1 of the batch, and action 5 did interaction 2.
@@ -308,10 +306,7 @@ impl EpisodeBuffer {
     /// # Errors
     /// As [`EpisodeBuffer::draw_ids`] and [`EpisodeBuffer::gather`].
     pub fn sample(&mut self, n: usize, rule: Option<&Rule>) -> Result<(Batch, Option<Hindsight>)> {
-        let mut rng = self.rng.clone();
-        let sampled = self.sample_with(n, rule, Layout::Packed, &mut rng)?;
-        self.rng = rng;
-        Ok(sampled)
+        self.with_rng(|buffer, rng| buffer.sample_with(n, rule, Layout::Packed, rng))
     }
 
     /// As [`EpisodeBuffer::sample`], in a layout of choice and from a generator of the caller: several threads
@@ -340,7 +335,7 @@ impl EpisodeBuffer {
         let episodes = self.observed(streams)?;
         let bytes = check::product("streams", &[episodes.len(), self.observation_bytes()])?;
         let mut observations = Bytes::take("observe", bytes)?;
-        copy_parts(self.newest(&episodes), &mut observations);
+        self.write_newest(&episodes, &mut observations);
         Ok(observations)
     }
 
@@ -353,7 +348,7 @@ impl EpisodeBuffer {
         let episodes = self.observed(streams)?;
         let bytes = check::product("streams", &[episodes.len(), self.observation_bytes()])?;
         check_shape("out", &[bytes], &[out.len()])?;
-        copy_parts(self.newest(&episodes), out);
+        self.write_newest(&episodes, out);
         Ok(())
     }
 
@@ -363,10 +358,9 @@ impl EpisodeBuffer {
             .iter()
             .map(|&id| self.episode(id))
             .collect::<Result<_>>()?;
-        let dim = self.config.action_dim;
-        let mut index = BatchIndex::with_room(&episodes, dim)?;
+        let mut index = BatchIndex::with_room(&episodes, self.config.action_dim)?;
         for (&id, episode) in ids.iter().zip(&episodes) {
-            index.add(id, episode, layout, dim);
+            index.add(id, episode, layout, &self.config);
         }
         Ok((episodes, index))
     }
@@ -378,9 +372,10 @@ impl EpisodeBuffer {
             .collect()
     }
 
-    fn newest<'a>(&'a self, episodes: &'a [&Episode]) -> impl Iterator<Item = &'a [u8]> {
-        episodes
-            .iter()
-            .flat_map(|episode| self.observation_frames(episode, episode.len()))
+    fn write_newest(&self, episodes: &[&Episode], out: &mut [u8]) {
+        let rows = out.chunks_exact_mut(self.observation_bytes());
+        for (episode, row) in episodes.iter().zip(rows) {
+            self.write_observation(episode, episode.len(), row);
+        }
     }
 }

@@ -1,8 +1,10 @@
 //! What an episode buffer is built from: sizes, element types, and what a goal is.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use crate::item::{Item, volume};
+use crate::labels::class_of;
 use vhs_base::check::{self, check_range};
 use vhs_base::error::{Error, Result};
 
@@ -25,6 +27,18 @@ pub enum GoalKind {
         /// Type of its elements.
         item: Item,
     },
+}
+
+/// How the frames of an observation lie in it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Stacking {
+    /// One frame after the other, oldest first: `[frame_stack, *frame_shape]`.
+    #[default]
+    Frames = 0,
+    /// As the channels of one picture: of each pixel the oldest frame's channels first, so that frames of
+    /// `[H, W, C]` make an observation of `[H, W, frame_stack * C]`.
+    Channels = 1,
 }
 
 /// Where frames lie.
@@ -56,15 +70,19 @@ pub struct EpisodeConfig {
     pub capacity_steps: usize,
     /// Frames in one observation.
     pub frame_stack: usize,
+    /// How they lie in it.
+    pub stacking: Stacking,
     /// What a goal is.
     pub goal_kind: GoalKind,
     /// Goal classes.
     pub num_goals: usize,
+    /// Numbered actions; None: any number below 2^20 is one.
+    pub num_actions: Option<usize>,
     /// Interactions; 0 where the task has none, and interaction 0 stands for none.
     pub num_interactions: usize,
-    /// The action that does interaction 0; the actions below it are moves, those from it on the
-    /// interactions.
-    pub first_interaction_action: usize,
+    /// The interaction that each action does; an action that is not among them is a move. Needed where there
+    /// is more than one interaction and actions are numbered.
+    pub interactions: BTreeMap<i64, i64>,
     /// Numbers in a continuous action; 0 where actions are numbered.
     pub action_dim: usize,
     /// Seed of [`EpisodeBuffer::sample`](super::episodes::EpisodeBuffer::sample) and of the relabelling done with it.
@@ -83,10 +101,12 @@ impl Default for EpisodeConfig {
             max_episode_steps: 1,
             capacity_steps: 1,
             frame_stack: 1,
+            stacking: Stacking::Frames,
             goal_kind: GoalKind::Labels,
             num_goals: 1,
+            num_actions: None,
             num_interactions: 0,
-            first_interaction_action: 3,
+            interactions: BTreeMap::new(),
             action_dim: 0,
             seed: 0,
             backing: Backing::Memory,
@@ -106,13 +126,8 @@ impl EpisodeConfig {
         check_range("num_goals", self.num_goals, 1, MAX_COUNT)?;
         check_range("num_interactions", self.num_interactions, 0, MAX_COUNT)?;
         check_range("action_dim", self.action_dim, 0, MAX_COUNT)?;
-        check_range(
-            "first_interaction_action",
-            self.first_interaction_action,
-            0,
-            MAX_COUNT,
-        )?;
-        check_range("actions", self.num_actions(), 1, 2 * MAX_COUNT)?;
+        check_range("num_actions", self.action_limit(), 1, 2 * MAX_COUNT)?;
+        self.check_interactions()?;
         self.check_total()?;
         let least = self.num_streams.saturating_mul(self.max_episode_steps);
         if self.capacity_steps >= least {
@@ -149,10 +164,66 @@ impl EpisodeConfig {
         check::product("capacity_steps", &[self.capacity_steps, 4, step]).map(drop)
     }
 
-    /// Actions there are: moves and interactions.
+    /// Nothing is guessed: which of several interactions an episode ended with follows from its last action alone.
+    fn check_interactions(&self) -> Result<()> {
+        let refused = |expected: String, got: String| {
+            let field = "interactions";
+            Err(Error::Argument {
+                field,
+                expected,
+                got,
+            })
+        };
+        if self.action_dim > 0 && !self.interactions.is_empty() {
+            return refused("none where actions are continuous".into(), "some".into());
+        }
+        if self.action_dim == 0 && self.num_interactions > 1 && self.interactions.is_empty() {
+            let expected = format!(
+                "which action does which of num_interactions = {}",
+                self.num_interactions
+            );
+            return refused(expected, "none".into());
+        }
+        for (&action, &interaction) in &self.interactions {
+            let fits = |number: i64, limit: usize| class_of(number) < limit;
+            if !fits(action, self.action_limit()) || !fits(interaction, self.num_interactions) {
+                let (actions, interactions) = (self.action_limit(), self.num_interactions);
+                let expected =
+                    format!("actions in 0..{actions} that do interactions in 0..{interactions}");
+                return refused(
+                    expected,
+                    format!("action {action}, interaction {interaction}"),
+                );
+            }
+        }
+        Ok(())
+    }
+
+    /// One more than the largest number that an action can be.
+    pub(crate) fn action_limit(&self) -> usize {
+        self.num_actions.unwrap_or(MAX_COUNT)
+    }
+
+    /// The interaction that an action did; None where it was a move.
+    pub(crate) fn interaction_of(&self, action: Option<&i64>) -> Option<i64> {
+        self.interactions.get(action?).copied()
+    }
+
+    /// Shape of one observation: as `stacking` says.
     #[must_use]
-    pub const fn num_actions(&self) -> usize {
-        self.first_interaction_action + self.num_interactions
+    pub fn observation_shape(&self) -> Vec<usize> {
+        let frame = &self.frame_shape[..];
+        match (self.stacking, frame) {
+            (Stacking::Channels, [sizes @ .., channels]) => {
+                [sizes, &[self.frame_stack * channels]].concat()
+            }
+            _ => [&[self.frame_stack], frame].concat(),
+        }
+    }
+
+    /// Bytes of the channels of one pixel of a frame.
+    pub(crate) fn pixel_bytes(&self) -> usize {
+        self.frame_shape.last().copied().unwrap_or(1) * self.frame_item.bytes()
     }
 
     /// Bytes of one frame.

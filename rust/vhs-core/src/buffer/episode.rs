@@ -1,8 +1,11 @@
 //! One episode, how it opens, and the step that extends it.
 //!
-//! Plain data: the rules of when a step may be appended are in `episodes`.
+//! Plain data, and what of it does not fit a buffer; when a step may be appended is said in `episodes`.
 
+use crate::buffer::config::EpisodeConfig;
 use crate::outcome::Outcome;
+use vhs_base::check::{self, check_finite, check_labels, check_shape};
+use vhs_base::error::{Error, Result};
 
 /// One episode, open or finished.
 #[derive(Debug)]
@@ -127,6 +130,23 @@ pub struct Opening<'a> {
     pub achieved: &'a [u8],
 }
 
+impl Opening<'_> {
+    /// Refuses what does not fit a buffer of this configuration.
+    pub(crate) fn check(&self, config: &EpisodeConfig) -> Result<()> {
+        let vector_bytes = config.vector_bytes().unwrap_or_default();
+        check_shape("frame", &[config.frame_bytes()], &[self.frame.len()])?;
+        check_shape(
+            "desired_goal",
+            &[config.desired_bytes()],
+            &[self.desired.len()],
+        )?;
+        check_shape("achieved_goal", &[vector_bytes], &[self.achieved.len()])?;
+        check_labels("goal", &[self.goal], config.num_goals)?;
+        let interactions = config.num_interactions.max(1);
+        check_labels("interaction", &[self.interaction], interactions)
+    }
+}
+
 /// One step of several streams, as parallel arrays of the same length.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Steps<'a> {
@@ -144,4 +164,57 @@ pub struct Steps<'a> {
     pub frames: &'a [u8],
     /// The goal vectors reached at the next frames; empty where goals are not vectors.
     pub achieved: &'a [u8],
+}
+
+impl Steps<'_> {
+    /// Refuses what does not fit a buffer of this configuration.
+    pub(crate) fn check(&self, config: &EpisodeConfig) -> Result<()> {
+        let n = self.streams.len();
+        let dim = config.action_dim;
+        let numbered = if dim == 0 { n } else { 0 };
+        check_shape("actions", &[numbered], &[self.actions.len()])?;
+        check_shape("actions", &[n * dim], &[self.vectors.len()])?;
+        check_shape("rewards", &[n], &[self.rewards.len()])?;
+        check_shape("values", &[n], &[self.values.len()])?;
+        check_shape(
+            "frames",
+            &[check::product("frames", &[n, config.frame_bytes()])?],
+            &[self.frames.len()],
+        )?;
+        let vector_bytes = config.vector_bytes().unwrap_or_default();
+        check_shape(
+            "achieved_goals",
+            &[n * vector_bytes],
+            &[self.achieved.len()],
+        )?;
+        check_labels("streams", self.streams, config.num_streams)?;
+        check_labels("actions", self.actions, config.action_limit())?;
+        check_finite("actions", self.vectors)?;
+        check_finite("rewards", self.rewards)?;
+        check_finite("values", self.values)?;
+        check_distinct(self.streams)
+    }
+}
+
+/// Refuses a stream that comes twice: which of its two steps came first would be a guess.
+fn check_distinct(streams: &[i64]) -> Result<()> {
+    if streams.len() < 2 {
+        return Ok(());
+    }
+    let mut sorted = streams.to_vec();
+    sorted.sort_unstable();
+    match sorted.windows(2).find(|pair| pair[0] == pair[1]) {
+        None => Ok(()),
+        Some(pair) => {
+            let (expected, got) = (
+                "each stream at most once".into(),
+                format!("stream {} twice", pair[0]),
+            );
+            Err(Error::Argument {
+                field: "streams",
+                expected,
+                got,
+            })
+        }
+    }
 }

@@ -13,13 +13,14 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use crate::buffer::config::{Backing, EpisodeConfig};
+use crate::buffer::config::{Backing, EpisodeConfig, Stacking};
 use crate::buffer::episode::{Episode, Opening, Steps};
 use crate::labels::class_of;
 use crate::outcome::Outcome;
 use crate::storage::memory::scratch_file;
-use crate::storage::slab::{Slab, Source};
-use vhs_base::check::{self, check_finite, check_labels, check_shape};
+use crate::storage::slab::{Slab, Source, copy_parts};
+use crate::storage::stacking::interleave;
+use vhs_base::check::check_labels;
 use vhs_base::error::{Error, Result};
 use vhs_base::rng::Rng;
 
@@ -118,7 +119,7 @@ impl EpisodeBuffer {
     /// [`Error::Memory`], [`Error::Io`] where the file behind the buffer cannot grow.
     pub fn begin_with(&mut self, stream: i64, opening: Opening<'_>) -> Result<()> {
         let stream = self.stream(stream)?;
-        self.check_opening(&opening)?;
+        opening.check(&self.config)?;
         if self.open[stream].is_some() {
             let (expected, found) = ("a stream between episodes", "an open episode");
             return Err(Error::Protocol {
@@ -147,7 +148,9 @@ impl EpisodeBuffer {
     /// [`Error::Memory`], [`Error::Io`] where the file behind the buffer cannot grow; then nothing is
     /// appended to any stream.
     pub fn append(&mut self, steps: Steps<'_>) -> Result<()> {
-        self.check_steps(&steps)?;
+        steps.check(&self.config)?;
+        let mut streams = steps.streams.iter();
+        streams.try_for_each(|&stream| self.check_appendable(class_of(stream)))?;
         // Before anything changes: from here on every frame has a slot.
         self.reserve(steps.streams.len())?;
         self.evict_for(steps.streams.len());
@@ -298,14 +301,25 @@ impl EpisodeBuffer {
         &mut self.rng
     }
 
-    /// Shape of one stacked observation: `[frame_stack, *frame_shape]`.
+    /// Shape of one observation: as [`Stacking`] says.
     #[must_use]
     pub fn observation_shape(&self) -> Vec<usize> {
-        [
-            &[self.config.frame_stack],
-            self.config.frame_shape.as_slice(),
-        ]
-        .concat()
+        self.config.observation_shape()
+    }
+
+    /// Runs a sampling call with a generator of its own, which starts at one number of the buffer's. A call
+    /// that is refused gives the number back.
+    pub(crate) fn with_rng<R>(
+        &mut self,
+        sample: impl FnOnce(&Self, &mut Rng) -> Result<R>,
+    ) -> Result<R> {
+        let before = self.rng.clone();
+        let mut own = self.rng.split();
+        let sampled = sample(self, &mut own);
+        if sampled.is_err() {
+            self.rng = before;
+        }
+        sampled
     }
 
     pub(crate) fn observation_bytes(&self) -> usize {
@@ -317,7 +331,7 @@ impl EpisodeBuffer {
         &'a self,
         episode: &'a Episode,
         t: usize,
-    ) -> impl Iterator<Item = &'a [u8]> {
+    ) -> impl ExactSizeIterator<Item = &'a [u8]> {
         let stack = self.config.frame_stack;
         // Frame t - (stack - 1 - i), held at 0: before the first frame there is only the first
         // frame.
@@ -325,6 +339,15 @@ impl EpisodeBuffer {
             self.slab
                 .get(episode.frames[(t + i + 1).saturating_sub(stack)])
         })
+    }
+
+    /// Writes observation `t` of an episode, its frames stacked as configured.
+    pub(crate) fn write_observation(&self, episode: &Episode, t: usize, out: &mut [u8]) {
+        let frames = self.observation_frames(episode, t);
+        match self.config.stacking {
+            Stacking::Frames => copy_parts(frames, out),
+            Stacking::Channels => interleave(frames, self.config.pixel_bytes(), out),
+        }
     }
 
     /// The open episode of a stream, or the error that the call on an idle stream deserves.
@@ -347,37 +370,6 @@ impl EpisodeBuffer {
     /// Id of the oldest finished episode, or the next one to be given where none is stored.
     pub(crate) fn first_id(&self) -> i64 {
         public_id(self.next_id - self.finished.len() as u64)
-    }
-
-    fn check_steps(&self, steps: &Steps<'_>) -> Result<()> {
-        let n = steps.streams.len();
-        let dim = self.config.action_dim;
-        let numbered = if dim == 0 { n } else { 0 };
-        check_shape("actions", &[numbered], &[steps.actions.len()])?;
-        check_shape("actions", &[n * dim], &[steps.vectors.len()])?;
-        check_shape("rewards", &[n], &[steps.rewards.len()])?;
-        check_shape("values", &[n], &[steps.values.len()])?;
-        check_shape(
-            "frames",
-            &[check::product("frames", &[n, self.config.frame_bytes()])?],
-            &[steps.frames.len()],
-        )?;
-        let vector_bytes = self.config.vector_bytes().unwrap_or_default();
-        check_shape(
-            "achieved_goals",
-            &[n * vector_bytes],
-            &[steps.achieved.len()],
-        )?;
-        check_labels("streams", steps.streams, self.open.len())?;
-        check_labels("actions", steps.actions, self.config.num_actions())?;
-        check_finite("actions", steps.vectors)?;
-        check_finite("rewards", steps.rewards)?;
-        check_finite("values", steps.values)?;
-        check_distinct(steps.streams)?;
-        steps
-            .streams
-            .iter()
-            .try_for_each(|&stream| self.check_appendable(class_of(stream)))
     }
 
     fn check_appendable(&self, stream: usize) -> Result<()> {
@@ -406,21 +398,6 @@ impl EpisodeBuffer {
         self.free.extend(episode.frames.into_iter().rev());
     }
 
-    fn check_opening(&self, opening: &Opening<'_>) -> Result<()> {
-        let config = &self.config;
-        let vector_bytes = config.vector_bytes().unwrap_or_default();
-        check_shape("frame", &[config.frame_bytes()], &[opening.frame.len()])?;
-        check_shape(
-            "desired_goal",
-            &[config.desired_bytes()],
-            &[opening.desired.len()],
-        )?;
-        check_shape("achieved_goal", &[vector_bytes], &[opening.achieved.len()])?;
-        check_labels("goal", &[opening.goal], config.num_goals)?;
-        let interactions = config.num_interactions.max(1);
-        check_labels("interaction", &[opening.interaction], interactions)
-    }
-
     /// Makes room for `n` more frames and their goal vectors.
     fn reserve(&mut self, n: usize) -> Result<()> {
         let beyond = n.saturating_sub(self.free.len());
@@ -434,9 +411,9 @@ impl EpisodeBuffer {
     /// Copies a frame, and its goal vector where there is one, into a slot that no episode owns.
     fn store(&mut self, frame: &[u8], achieved: &[u8]) -> Result<usize> {
         let slot = self.free.pop().unwrap_or(self.slab.len());
-        self.slab.put(slot, std::iter::once(frame))?;
+        self.slab.put(slot, frame)?;
         if !achieved.is_empty() {
-            self.achieved.put(slot, std::iter::once(achieved))?;
+            self.achieved.put(slot, achieved)?;
         }
         Ok(slot)
     }
@@ -453,29 +430,6 @@ fn source(backing: &Backing) -> Result<Source> {
                 source,
             }),
         },
-    }
-}
-
-/// Refuses a stream that comes twice: which of its two steps came first would be a guess.
-fn check_distinct(streams: &[i64]) -> Result<()> {
-    if streams.len() < 2 {
-        return Ok(());
-    }
-    let mut sorted = streams.to_vec();
-    sorted.sort_unstable();
-    match sorted.windows(2).find(|pair| pair[0] == pair[1]) {
-        None => Ok(()),
-        Some(pair) => {
-            let (expected, got) = (
-                "each stream at most once".into(),
-                format!("stream {} twice", pair[0]),
-            );
-            Err(Error::Argument {
-                field: "streams",
-                expected,
-                got,
-            })
-        }
     }
 }
 

@@ -6,10 +6,8 @@
 use crate::buffer::config::GoalKind;
 use crate::buffer::episode::Episode;
 use crate::buffer::episodes::EpisodeBuffer;
-use crate::hindsight::rule::done_interaction;
 use crate::hindsight::strategy::{HindsightRule, Strategy};
 use crate::labels::label_of;
-use crate::storage::slab::copy_parts;
 use vhs_base::check::{self, check_range};
 use vhs_base::error::{Error, Result};
 use vhs_base::rng::Rng;
@@ -142,50 +140,16 @@ impl EpisodeBuffer {
     /// The interaction that the action before observation `step` did, or `told` where it was a move.
     fn interaction_before(&self, episode: usize, step: usize, told: i64) -> i64 {
         let action = self.finished[episode].actions.get(step - 1);
-        let first = label_of(self.config.first_interaction_action);
-        action
-            .and_then(|&action| done_interaction(action, first))
-            .unwrap_or(told)
+        self.config.interaction_of(action).unwrap_or(told)
     }
 
-    /// What observation `step` of an episode reached, in parts.
-    pub(crate) fn goal_parts<'a>(
-        &'a self,
-        episode: &'a Episode,
-        step: usize,
-    ) -> impl Iterator<Item = &'a [u8]> {
-        let is_vector = self.config.vector_bytes().is_some();
-        let vector = is_vector.then(|| self.achieved.get(episode.frames[step]));
-        let frames = (!is_vector).then(|| self.observation_frames(episode, step));
-        vector.into_iter().chain(frames.into_iter().flatten())
-    }
-
-    /// The goal of a row in parts as long as those of `goal_parts`; None where it is a class number alone.
-    pub(crate) fn told_parts<'a>(
-        &'a self,
-        pick: &Pick,
-    ) -> Option<impl Iterator<Item = &'a [u8]> + use<'a>> {
-        let (told, reached) = match pick.goal {
-            Goal::Told => {
-                let desired = &self.finished[pick.episode].desired;
-                if desired.is_empty() {
-                    return None;
-                }
-                let part = self
-                    .config
-                    .vector_bytes()
-                    .unwrap_or(self.config.frame_bytes());
-                (Some(desired.chunks_exact(part)), None)
-            }
-            Goal::Hindsight { episode, step } => {
-                (None, Some(self.goal_parts(&self.finished[episode], step)))
-            }
-        };
-        Some(
-            told.into_iter()
-                .flatten()
-                .chain(reached.into_iter().flatten()),
-        )
+    /// Writes what observation `step` of an episode reached.
+    pub(crate) fn write_reached(&self, episode: &Episode, step: usize, out: &mut [u8]) {
+        if self.config.vector_bytes().is_some() {
+            out.copy_from_slice(self.achieved.get(episode.frames[step]));
+        } else {
+            self.write_observation(episode, step, out);
+        }
     }
 
     /// Id of the finished episode at a place.
@@ -201,32 +165,59 @@ impl EpisodeBuffer {
         self.config.goal_bytes()
     }
 
-    /// Writes the goal of each row, zeros where it is a class number alone.
+    /// Writes the goal of a row, zeros where it is a class number alone.
     pub(crate) fn write_goal(&self, pick: &Pick, out: &mut [u8]) {
-        match self.told_parts(pick) {
-            Some(parts) => copy_parts(parts, out),
-            None => out.fill(0),
+        match pick.goal {
+            Goal::Told => match &self.finished[pick.episode].desired[..] {
+                [] => out.fill(0),
+                desired => out.copy_from_slice(desired),
+            },
+            Goal::Hindsight { episode, step } => {
+                self.write_reached(&self.finished[episode], step, out);
+            }
         }
     }
 
     /// Whether the observation after a step has reached the goal of its row.
     pub(crate) fn is_reached(&self, pick: &Pick, step: usize, tolerance: f64) -> bool {
-        let episode = &self.finished[pick.episode];
-        if let Goal::Hindsight { episode, step: at } = pick.goal
-            && (episode, at) == (pick.episode, step + 1)
-        {
-            return true;
-        }
-        let reached = self.goal_parts(episode, step + 1);
-        match (&self.config.goal_kind, self.told_parts(pick)) {
-            (_, None) => false,
-            (GoalKind::Vectors { item, .. }, Some(told)) if tolerance > 0.0 => {
-                let squares = reached
-                    .zip(told)
-                    .map(|(here, there)| item.squared_distance(here, there));
-                squares.sum::<f64>().sqrt() <= tolerance
+        let own = &self.finished[pick.episode];
+        match (pick.goal, self.config.vector_bytes()) {
+            (Goal::Told, _) if own.desired.is_empty() => false,
+            (Goal::Hindsight { episode, step: at }, _)
+                if (episode, at) == (pick.episode, step + 1) =>
+            {
+                true
             }
-            (_, Some(told)) => reached.eq(told),
+            (Goal::Hindsight { episode, step: at }, None) => self
+                .observation_frames(own, step + 1)
+                .eq(self.observation_frames(&self.finished[episode], at)),
+            (Goal::Told, None) => self.shows(own, step + 1, &own.desired),
+            (goal, Some(_)) => {
+                let told = match goal {
+                    Goal::Told => &own.desired[..],
+                    Goal::Hindsight { episode, step } => {
+                        self.achieved.get(self.finished[episode].frames[step])
+                    }
+                };
+                self.are_near(self.achieved.get(own.frames[step + 1]), told, tolerance)
+            }
+        }
+    }
+
+    /// Whether observation `t` of an episode is this picture.
+    fn shows(&self, episode: &Episode, t: usize, picture: &[u8]) -> bool {
+        let mut seen = vec![0; picture.len()];
+        self.write_observation(episode, t, &mut seen);
+        seen == picture
+    }
+
+    /// Whether two goal vectors are the same, or at most so far apart.
+    fn are_near(&self, here: &[u8], there: &[u8], tolerance: f64) -> bool {
+        match self.config.goal_kind {
+            GoalKind::Vectors { item, .. } if tolerance > 0.0 => {
+                item.squared_distance(here, there).sqrt() <= tolerance
+            }
+            _ => here == there,
         }
     }
 }

@@ -8,7 +8,6 @@ use crate::buffer::picks::{Goal, GoalIndex, Pick};
 use crate::hindsight::reward::SparseReward;
 use crate::hindsight::strategy::HindsightRule;
 use crate::storage::pool::Bytes;
-use crate::storage::slab::copy_parts;
 use vhs_base::check::{check_finite, check_shape, product};
 use vhs_base::error::Result;
 use vhs_base::rng::Rng;
@@ -33,7 +32,7 @@ pub struct TransitionIndex {
 /// A batch with its images and goals.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TransitionBatch {
-    /// Observations `o_t`, `[n, frame_stack, *frame_shape]`.
+    /// Observations `o_t`, `[n, *observation_shape]`.
     pub observations: Bytes,
     /// Observations `o_(t+1)`, of the same shape.
     pub next_observations: Bytes,
@@ -96,10 +95,7 @@ impl EpisodeBuffer {
         rule: Option<&HindsightRule>,
         reward: Option<&SparseReward>,
     ) -> Result<TransitionBatch> {
-        let mut rng = self.rng.clone();
-        let batch = self.sample_transitions_with(n, rule, reward, &mut rng)?;
-        self.rng = rng;
-        Ok(batch)
+        self.with_rng(|buffer, rng| buffer.sample_transitions_with(n, rule, reward, rng))
     }
 
     /// As [`EpisodeBuffer::sample_transitions`], drawing from a generator of the caller: several threads may
@@ -186,22 +182,17 @@ impl EpisodeBuffer {
         for (place, pick) in picks.iter().enumerate() {
             let episode = &self.finished[pick.episode];
             let (here, next) = (pick.step, pick.step + 1);
-            copy_parts(
-                self.observation_frames(episode, here),
-                &mut out.observations[row(images, place)],
-            );
-            copy_parts(
-                self.observation_frames(episode, next),
+            self.write_observation(episode, here, &mut out.observations[row(images, place)]);
+            self.write_observation(
+                episode,
+                next,
                 &mut out.next_observations[row(images, place)],
             );
             if goals > 0 {
                 self.write_goal(pick, &mut out.goals[row(goals, place)]);
             }
             if achieved > 0 {
-                copy_parts(
-                    self.goal_parts(episode, next),
-                    &mut out.achieved_goals[row(achieved, place)],
-                );
+                self.write_reached(episode, next, &mut out.achieved_goals[row(achieved, place)]);
             }
         }
     }

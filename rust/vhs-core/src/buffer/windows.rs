@@ -8,6 +8,7 @@
 
 use std::ops::Range;
 
+use crate::buffer::episode::Episode;
 use crate::buffer::episodes::EpisodeBuffer;
 use crate::buffer::picks::{GoalIndex, Pick};
 use crate::buffer::transitions::{check_new, replace_ends, replace_rewards};
@@ -15,7 +16,6 @@ use crate::hindsight::reward::SparseReward;
 use crate::hindsight::strategy::HindsightRule;
 use crate::labels::label_of;
 use crate::storage::pool::Bytes;
-use crate::storage::slab::copy_parts;
 use vhs_base::check::{check_range, check_shape, product};
 use vhs_base::error::Result;
 use vhs_base::rng::Rng;
@@ -65,7 +65,7 @@ pub struct WindowIndex {
 /// A batch with its images and goals.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct WindowBatch {
-    /// Observations, `[n, W + 1, frame_stack, *frame_shape]`.
+    /// Observations, `[n, W + 1, *observation_shape]`.
     pub observations: Bytes,
     /// One goal a window, `[n, *goal]`: as in [`crate::transitions::TransitionBatch`].
     pub goals: Bytes,
@@ -89,10 +89,7 @@ impl EpisodeBuffer {
         rule: Option<&HindsightRule>,
         reward: Option<&SparseReward>,
     ) -> Result<WindowBatch> {
-        let mut rng = self.rng.clone();
-        let batch = self.sample_windows_with(n, shape, rule, reward, &mut rng)?;
-        self.rng = rng;
-        Ok(batch)
+        self.with_rng(|buffer, rng| buffer.sample_windows_with(n, shape, rule, reward, rng))
     }
 
     /// As [`EpisodeBuffer::sample_windows`], drawing from a generator of the caller.
@@ -144,18 +141,18 @@ impl EpisodeBuffer {
         let rows = shape.steps() + 1;
         for (place, pick) in picks.iter().enumerate() {
             let steps = self.window(pick, shape);
-            let image = rows * self.observation_bytes();
-            self.write_observations(pick, &steps, &mut observations[place * image..][..image]);
+            let (row, image) = (self.observation_bytes(), rows * self.observation_bytes());
+            let out = &mut observations[place * image..][..image];
+            self.write_rows_of(pick, &steps, row, out, Self::write_observation);
             let goal = sizes[1] / n;
             if goal > 0 {
                 self.write_goal(pick, &mut batch.goals[place * goal..][..goal]);
             }
             let reached = sizes[2] / n;
-            self.write_reached(
-                pick,
-                &steps,
-                &mut batch.achieved_goals[place * reached..][..reached],
-            );
+            if reached > 0 {
+                let out = &mut batch.achieved_goals[place * reached..][..reached];
+                self.write_rows_of(pick, &steps, reached / rows, out, Self::write_reached);
+            }
         }
         Ok(batch)
     }
@@ -187,24 +184,19 @@ impl EpisodeBuffer {
         pick.step.saturating_sub(shape.burn_in)..end
     }
 
-    fn write_observations(&self, pick: &Pick, steps: &Range<usize>, out: &mut [u8]) {
-        let episode = &self.finished[pick.episode];
-        let used = (steps.len() + 1) * self.observation_bytes();
-        let (written, padding) = out.split_at_mut(used);
-        let frames = (steps.start..=steps.end).flat_map(|t| self.observation_frames(episode, t));
-        copy_parts(frames, written);
-        padding.fill(0);
-    }
-
-    fn write_reached(&self, pick: &Pick, steps: &Range<usize>, out: &mut [u8]) {
-        if out.is_empty() {
-            return;
+    /// One row for each observation of a window by `write`, zeros after them.
+    fn write_rows_of(
+        &self,
+        pick: &Pick,
+        steps: &Range<usize>,
+        row_bytes: usize,
+        out: &mut [u8],
+        write: impl Fn(&Self, &Episode, usize, &mut [u8]),
+    ) {
+        let (written, padding) = out.split_at_mut((steps.len() + 1) * row_bytes);
+        for (t, row) in (steps.start..).zip(written.chunks_exact_mut(row_bytes)) {
+            write(self, &self.finished[pick.episode], t, row);
         }
-        let episode = &self.finished[pick.episode];
-        let used = (steps.len() + 1) * self.config.goal_bytes();
-        let (written, padding) = out.split_at_mut(used);
-        let vectors = (steps.start..=steps.end).flat_map(|t| self.goal_parts(episode, t));
-        copy_parts(vectors, written);
         padding.fill(0);
     }
 

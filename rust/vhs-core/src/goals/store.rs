@@ -10,6 +10,7 @@ use crate::item::{Item, volume};
 use crate::labels::{MAX_CLASSES, class_of};
 use crate::outcome::Outcome;
 use crate::storage::slab::{Slab, Source};
+use crate::storage::stacking::interleave;
 use vhs_base::check::{self, check_labels, check_range, check_shape};
 use vhs_base::error::{Error, Result};
 use vhs_base::rng::Rng;
@@ -86,7 +87,7 @@ impl GoalStore {
     pub fn push(&mut self, image: &[u8], label: i64) -> Result<()> {
         check_shape("observation", &[self.image_bytes], &[image.len()])?;
         check_labels("label", &[label], self.rings.len())?;
-        self.put(class_of(label), std::iter::once(image))
+        self.put(class_of(label), image)
     }
 
     /// Stores the final observation of each *successful* episode among `ids` under its instructed
@@ -123,11 +124,10 @@ impl GoalStore {
         let goals: Vec<i64> = successes.iter().map(|episode| episode.goal()).collect();
         check_labels("goal", &goals, self.rings.len())?;
         self.reserve(&goals)?;
+        let mut image = vec![0; self.image_bytes];
         for (episode, &goal) in successes.iter().zip(&goals) {
-            self.put(
-                class_of(goal),
-                buffer.observation_frames(episode, episode.len()),
-            )?;
+            buffer.write_observation(episode, episode.len(), &mut image);
+            self.put(class_of(goal), &image)?;
         }
         Ok(successes.len())
     }
@@ -176,6 +176,28 @@ impl GoalStore {
             .sum()
     }
 
+    /// The same store, its images, where they were stored as stacks of frames, [S, H, W, C], as the channels of
+    /// one picture each, [H, W, S * C]: for a buffer that stacks so. Images of another number of axes stay.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn into_channels(mut self) -> Result<Self> {
+        let &[stack, height, width, colours] = &self.shape[..] else {
+            return Ok(self);
+        };
+        let mut picture = check::with_room("GoalStore", self.image_bytes)?;
+        picture.resize(self.image_bytes, 0);
+        for ring in &mut self.rings {
+            for slot in 0..ring.images.len() {
+                let frames = ring.images.get(slot).chunks_exact(height * width * colours);
+                interleave(frames, colours, &mut picture);
+                ring.images.put(slot, &picture)?;
+            }
+        }
+        self.shape = vec![height, width, stack * colours];
+        Ok(self)
+    }
+
     pub(crate) const fn image_bytes(&self) -> usize {
         self.image_bytes
     }
@@ -194,9 +216,9 @@ impl GoalStore {
         Ok(())
     }
 
-    fn put<'a>(&mut self, class: usize, parts: impl Iterator<Item = &'a [u8]>) -> Result<()> {
+    fn put(&mut self, class: usize, image: &[u8]) -> Result<()> {
         let ring = &mut self.rings[class];
-        ring.images.put(ring.next, parts)?;
+        ring.images.put(ring.next, image)?;
         ring.next = (ring.next + 1) % self.capacity;
         Ok(())
     }

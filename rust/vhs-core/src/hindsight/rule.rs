@@ -18,8 +18,8 @@ pub struct EpisodeEnd {
     pub outcome: Outcome,
     /// The instructed interaction.
     pub interaction: i64,
-    /// The action that led to the final observation.
-    pub last_action: i64,
+    /// The interaction that the last action did; None where it was a move.
+    pub done: Option<i64>,
     /// Row of the final observation `o_T` in the batch.
     pub final_row: i64,
 }
@@ -30,15 +30,13 @@ pub struct EpisodeEnd {
 /// use vhs_core::outcome::Outcome;
 /// use vhs_core::relabel::{EpisodeEnd, Rule};
 /// use vhs_core::rng::Rng;
-/// let rule = Rule::new([Outcome::Failure].into_iter().collect(), 1.0, 3)?;
-/// let end = |outcome, last_action, final_row| {
-///     EpisodeEnd { outcome, interaction: 0, last_action, final_row }
-/// };
-/// let episodes = [end(Outcome::Failure, 5, 8), end(Outcome::Timeout, 1, 20)];
+/// let rule = Rule::new([Outcome::Failure].into_iter().collect(), 1.0)?;
+/// let end = |outcome, done, final_row| EpisodeEnd { outcome, interaction: 0, done, final_row };
+/// let episodes = [end(Outcome::Failure, Some(2), 8), end(Outcome::Timeout, None, 20)];
 /// let hindsight = rule.relabel(&episodes, &mut Rng::new(0));
 /// assert_eq!(hindsight.selected, [true, false]);
 /// assert_eq!(hindsight.goal_rows, [8, 20]);
-/// // Action 5 does interaction 2; the timeout keeps what it was told.
+/// // The failure did interaction 2; the timeout keeps what it was told.
 /// assert_eq!(hindsight.interactions, [2, 0]);
 /// # Ok::<(), vhs_core::error::Error>(())
 /// ```
@@ -47,8 +45,6 @@ pub struct Rule {
     on: OutcomeSet,
     /// In 0..=1.
     probability: f64,
-    /// The action that does interaction 0.
-    first_interaction_action: i64,
 }
 
 /// The new goals of a batch of episodes, as row numbers.
@@ -68,13 +64,9 @@ impl Rule {
     ///
     /// # Errors
     /// [`vhs_base::error::Error::Argument`] for a probability outside 0..=1.
-    pub fn new(on: OutcomeSet, probability: f64, first_interaction_action: i64) -> Result<Self> {
+    pub fn new(on: OutcomeSet, probability: f64) -> Result<Self> {
         check_fraction("probability", probability)?;
-        Ok(Self {
-            on,
-            probability,
-            first_interaction_action,
-        })
+        Ok(Self { on, probability })
     }
 
     /// Chooses and relabels. Draws once an episode, eligible or not: an episode's fate depends on
@@ -86,21 +78,13 @@ impl Rule {
             let selected = rng.chance(self.probability) && self.on.contains(episode.outcome);
             hindsight.selected.push(selected);
             hindsight.goal_rows.push(episode.final_row);
-            hindsight
-                .interactions
-                .push(self.interaction(episode, selected));
+            hindsight.interactions.push(
+                episode
+                    .done
+                    .filter(|_| selected)
+                    .unwrap_or(episode.interaction),
+            );
         }
         hindsight
     }
-
-    fn interaction(&self, episode: &EpisodeEnd, selected: bool) -> i64 {
-        let done = done_interaction(episode.last_action, self.first_interaction_action);
-        done.filter(|_| selected).unwrap_or(episode.interaction)
-    }
-}
-
-/// The interaction that an action does; None where it is a move.
-pub(crate) fn done_interaction(action: i64, first_interaction_action: i64) -> Option<i64> {
-    let done = action - first_interaction_action;
-    (done >= 0).then_some(done)
 }

@@ -80,17 +80,20 @@ impl<'a> Reader<'a> {
         )
     }
 
-    /// The first two words, the same in every file of a kind: its name, its version and one more number,
-    /// which is returned.
-    pub(crate) fn first(&mut self, magic: [u8; 8], version: u32) -> Result<u64> {
+    /// The first two words, the same in every file of a kind: its name, its version, from 1 to the newest,
+    /// and one more number; the last two are returned.
+    pub(crate) fn first(&mut self, magic: [u8; 8], newest: u32) -> Result<(u64, u64)> {
         let mut bytes = [0; 8];
         self.read(&mut bytes)?;
         let found = bytes.escape_ascii().to_string();
         self.expect("first bytes", &magic.escape_ascii().to_string(), &found)?;
         let word = self.words(1)?[0];
-        let found = word & u64::from(u32::MAX);
-        self.expect("version", &version.to_string(), &found.to_string())?;
-        Ok(word >> 32)
+        let version = word & u64::from(u32::MAX);
+        if !(1..=u64::from(newest)).contains(&version) {
+            let expected = format!("one in 1..={newest}");
+            return Err(self.damaged("version", &expected, &version.to_string()));
+        }
+        Ok((version, word >> 32))
     }
 
     /// Reads so many bytes into new memory, if the file is long enough to hold them.
@@ -127,7 +130,7 @@ impl<'a> Reader<'a> {
             let bytes = &mut buffer[..at_once.min(end - slab.len()) * record];
             self.read(bytes)?;
             for bytes in bytes.chunks_exact(record) {
-                slab.put(slab.len(), std::iter::once(bytes))?;
+                slab.put(slab.len(), bytes)?;
             }
         }
         Ok(())

@@ -5,4 +5,4 @@ pub(crate) mod files;
 pub(crate) mod memory;
 pub mod pool;
 pub(crate) mod slab;
-pub mod stacking;
+pub(crate) mod stacking;

@@ -130,15 +130,8 @@ impl Slab {
         Ok(())
     }
 
-    /// Writes a record from its parts, over the one at `index` or, where `index` is `len`, after
-    /// the last.
-    ///
-    /// The parts must add up to one record.
-    pub(crate) fn put<'a>(
-        &mut self,
-        index: usize,
-        parts: impl Iterator<Item = &'a [u8]>,
-    ) -> Result<()> {
+    /// Writes a record over the one at `index` or, where `index` is `len`, after the last.
+    pub(crate) fn put(&mut self, index: usize, record: &[u8]) -> Result<()> {
         if index == self.len {
             self.reserve(1)?;
         }
@@ -148,13 +141,10 @@ impl Slab {
             Some(chunk) => &mut self.chunks[chunk],
         };
         match block {
-            Block::Heap(items) if index == self.len => {
-                parts.for_each(|part| items.extend_from_slice(part));
+            Block::Heap(items) if index == self.len => items.extend_from_slice(record),
+            block => {
+                block.bytes_mut()[start..start + self.record_bytes].copy_from_slice(record);
             }
-            block => copy_parts(
-                parts,
-                &mut block.bytes_mut()[start..start + self.record_bytes],
-            ),
         }
         self.len = self.len.max(index + 1);
         Ok(())

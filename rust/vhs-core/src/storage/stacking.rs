@@ -1,76 +1,74 @@
 //! Stacked frames as the channels of one picture: the layout in which convolutions read them.
 
-use vhs_base::check::{self, check_shape};
-use vhs_base::error::Result;
-
-/// Interleaves the frames of observations, `[N, stack, pixels, colours]` to `[N, pixels, stack * colours]`.
+/// Interleaves the frames of an observation, `[stack, pixels, pixel]` bytes to `[pixels, stack, pixel]`.
 ///
-/// `shape` is `[N, stack, pixels, colours]`; `out` has as many bytes as `observations`.
-///
-/// ```
-/// use vhs_core::frames::stack_channels;
-/// let mut out = [0; 6];
-/// // One observation of two frames of three grey pixels.
-/// stack_channels(&[1, 2, 3, 7, 8, 9], [1, 2, 3, 1], &mut out)?;
-/// assert_eq!(out, [1, 7, 2, 8, 3, 9]);
-/// # Ok::<(), vhs_core::error::Error>(())
-/// ```
-///
-/// # Errors
-/// [`vhs_base::error::Error::Shape`] where a length does not fit `shape`.
-pub fn stack_channels(observations: &[u8], shape: [usize; 4], out: &mut [u8]) -> Result<()> {
-    let bytes = check::product("observations", &shape)?;
-    check_shape("observations", &[bytes], &[observations.len()])?;
-    check_shape("out", &[bytes], &[out.len()])?;
-    let [_, stack, pixels, colours] = shape;
+/// The frames are as long as each other and together as long as `out`.
+pub(crate) fn interleave<'a>(
+    mut frames: impl ExactSizeIterator<Item = &'a [u8]>,
+    pixel: usize,
+    out: &mut [u8],
+) {
+    let stack = frames.len();
     // A width known at compile time makes a pixel two moves instead of a call.
-    match colours {
-        1 => interleave(observations, stack, pixels, Width::<1>, out),
-        3 => interleave(observations, stack, pixels, Width::<3>, out),
-        4 => interleave(observations, stack, pixels, Width::<4>, out),
-        _ => interleave(observations, stack, pixels, colours, out),
-    }
-    Ok(())
-}
-
-/// Bytes a pixel, known when compiling or not.
-trait Colours: Copy {
-    fn bytes(self) -> usize;
-}
-
-#[derive(Clone, Copy)]
-struct Width<const N: usize>;
-
-impl<const N: usize> Colours for Width<N> {
-    #[inline]
-    fn bytes(self) -> usize {
-        N
-    }
-}
-
-impl Colours for usize {
-    #[inline]
-    fn bytes(self) -> usize {
-        self
-    }
-}
-
-#[inline]
-fn interleave<C: Colours>(source: &[u8], stack: usize, pixels: usize, colours: C, out: &mut [u8]) {
-    let colours = colours.bytes();
-    let (frame_bytes, cell_bytes) = (pixels * colours, stack * colours);
-    if source.is_empty() {
-        return;
-    }
-    for (frames, picture) in source
-        .chunks_exact(stack * frame_bytes)
-        .zip(out.chunks_exact_mut(stack * frame_bytes))
-    {
-        for (index, frame) in frames.chunks_exact(frame_bytes).enumerate() {
-            let cells = picture[index * colours..].chunks_mut(cell_bytes);
-            for (pixel, cell) in frame.chunks_exact(colours).zip(cells) {
-                cell[..colours].copy_from_slice(pixel);
+    match (stack, pixel) {
+        (1, _) => frames.for_each(|frame| out.copy_from_slice(frame)),
+        (2, 3) => {
+            if let (Some(first), Some(second)) = (frames.next(), frames.next()) {
+                two_of_three(first, second, out);
+            }
+        }
+        (_, 1) => spread::<1>(frames, out),
+        (_, 3) => spread::<3>(frames, out),
+        (_, 4) => spread::<4>(frames, out),
+        _ => {
+            for (index, frame) in frames.enumerate() {
+                let cells = out[index * pixel..].chunks_mut(stack * pixel);
+                for (pixels, cell) in frame.chunks_exact(pixel).zip(cells) {
+                    cell[..pixel].copy_from_slice(pixels);
+                }
             }
         }
     }
+}
+
+/// Frame by frame, pixels of so many bytes.
+fn spread<'a, const PIXEL: usize>(frames: impl ExactSizeIterator<Item = &'a [u8]>, out: &mut [u8]) {
+    let cell = frames.len() * PIXEL;
+    for (index, frame) in frames.enumerate() {
+        let cells = out[index * PIXEL..].chunks_mut(cell);
+        for (pixel, cell) in frame.as_chunks::<PIXEL>().0.iter().zip(cells) {
+            cell[..PIXEL].copy_from_slice(pixel);
+        }
+    }
+}
+
+/// Pixels that `two_of_three` takes at once: their bytes are whole words.
+const AT_ONCE: usize = 8;
+
+/// Two frames of three colours, the usual case: both at once, a pixel of both by one store of eight bytes, of which
+/// the next pixel overwrites the last two.
+fn two_of_three(first: &[u8], second: &[u8], out: &mut [u8]) {
+    let (firsts, first_rest) = first.as_chunks::<{ 3 * AT_ONCE }>();
+    let (seconds, second_rest) = second.as_chunks::<{ 3 * AT_ONCE }>();
+    let (cells, rest) = out.as_chunks_mut::<{ 6 * AT_ONCE }>();
+    for ((a, b), cells) in firsts.iter().zip(seconds).zip(cells) {
+        for pixel in 0..AT_ONCE {
+            let bytes = (word(a, pixel) & 0xFF_FFFF | word(b, pixel) << 24).to_le_bytes();
+            let room = (6 * AT_ONCE - 6 * pixel).min(8);
+            cells[6 * pixel..][..room].copy_from_slice(&bytes[..room]);
+        }
+    }
+    if !rest.is_empty() {
+        spread::<3>([first_rest, second_rest].into_iter(), rest);
+    }
+}
+
+/// A word whose lowest three bytes are a pixel.
+#[inline]
+fn word(pixels: &[u8; 3 * AT_ONCE], pixel: usize) -> u64 {
+    // The last word that lies within the pixels serves those behind its start, too.
+    let start = (3 * pixel).min(3 * AT_ONCE - 8);
+    let mut bytes = [0; 8];
+    bytes.copy_from_slice(&pixels[start..start + 8]);
+    u64::from_le_bytes(bytes) >> (8 * (3 * pixel - start))
 }

@@ -41,7 +41,6 @@ fn used_buffer() -> EpisodeBuffer {
         frame_stack: 2,
         num_goals: 1,
         num_interactions: 1,
-        first_interaction_action: 3,
         seed: 0,
         ..EpisodeConfig::default()
     })

@@ -2,12 +2,14 @@
 
 mod support;
 
+mod draws;
 mod episodes;
 mod errors;
-mod frames;
+
 mod goals;
 mod persist;
 mod prototypes;
 mod relabel;
 mod returns;
+mod stacking;
 mod threads;

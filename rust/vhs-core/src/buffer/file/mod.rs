@@ -2,14 +2,15 @@
 //!
 //! Invariant: a file under the chosen name is always whole, the old one or the new one.
 //!
-//! Little-endian words of 8 bytes, version 1, for E finished episodes of S steps in all:
+//! Little-endian words of 8 bytes, version 2, for E finished episodes of S steps in all:
 //!
 //! | bytes | content |
 //! |---|---|
 //! | 8 | `vhsepiso` |
 //! | 4, 4 | version; dimensions of a frame, D |
-//! | 19 x 8 | see `Fixed` |
+//! | 19 x 8 | see `header` |
 //! | D x 8, G x 8 | frame shape; shape of a goal vector |
+//! | I x (8, 8) | actions, each with the interaction that it does |
 //! | E x 4 x 8 | goal class; interaction; outcome, plus 256 where terminated; steps |
 //! | S x 8 | numbered actions, or nothing |
 //! | S x A x 4 | continuous actions of A numbers, or nothing |
@@ -20,33 +21,30 @@
 //! | 8 | checksum of the goals |
 //! | (S + E) x | frames, episode by episode |
 //! | 8 | checksum of the frames |
+//!
+//! Version 1 has no list of actions: a number says from which action on they are the interactions.
+
+mod header;
 
 use std::path::Path;
 
-use crate::buffer::config::{Backing, EpisodeConfig, GoalKind};
+use self::header::{Header, lie, number, word};
+use crate::buffer::config::{Backing, EpisodeConfig};
 use crate::buffer::episode::{Episode, Opening};
 use crate::buffer::episodes::EpisodeBuffer;
-use crate::item::Item;
-use crate::labels::{class_of, label_of};
 use crate::outcome::Outcome;
-use crate::storage::files::{MAX_DIMENSIONS, MAX_SIZE, Reader, Writer, replace};
+use crate::storage::files::{MAX_SIZE, Reader, Writer, replace};
 use crate::storage::slab::Slab;
 use vhs_base::check::{check_finite, check_labels};
-use vhs_base::error::{Error, Result};
-use vhs_base::rng::Rng;
+#[cfg(doc)]
+use vhs_base::error::Error;
+use vhs_base::error::Result;
 
-const MAGIC: [u8; 8] = *b"vhsepiso";
-const VERSION: u32 = 1;
-/// Words between the version and the frame shape.
-const FIXED: usize = 19;
 /// Set in an episode's third word where its last step ended the task.
 const TERMINATED: u64 = 256;
-/// Counters stay below this, so that whatever is added to a loaded buffer fits them.
-const MAX_COUNTER: u64 = 1 << 62;
-
 impl EpisodeBuffer {
-    /// Writes the finished episodes and the generator to `path`, as a goal store is: to a temporary file beside it, synced, then
-    /// renamed over it.
+    /// Writes the finished episodes and the generator to `path`, as a goal store is: to a temporary file
+    /// beside it, synced, then renamed over it.
     ///
     /// Open episodes are not part of the file: they belong to environments that are running now. A loaded
     /// buffer has idle streams.
@@ -109,7 +107,7 @@ impl EpisodeBuffer {
 
 /// Writes a buffer.
 fn write(buffer: &EpisodeBuffer, file: &mut Writer<'_>) -> Result<()> {
-    write_header(buffer, file)?;
+    header::write(buffer, file)?;
     let episodes = || buffer.finished.iter();
     for episode in episodes() {
         let ended = episode.outcome as u64 + if episode.is_terminated { TERMINATED } else { 0 };
@@ -147,193 +145,6 @@ fn write(buffer: &EpisodeBuffer, file: &mut Writer<'_>) -> Result<()> {
 fn write_records(buffer: &EpisodeBuffer, slab: &Slab, file: &mut Writer<'_>) -> Result<()> {
     let mut slots = buffer.finished.iter().flat_map(|episode| &episode.frames);
     slots.try_for_each(|&slot| file.put(slab.get(slot)))
-}
-
-fn write_header(buffer: &EpisodeBuffer, file: &mut Writer<'_>) -> Result<()> {
-    let config = &buffer.config;
-    let (kind, item, shape) = match &config.goal_kind {
-        GoalKind::Labels => (0, 0, &[][..]),
-        GoalKind::Observations => (1, 0, &[][..]),
-        GoalKind::Vectors { shape, item } => (2, *item as u64, &shape[..]),
-    };
-    for (field, shape) in [
-        ("frame_shape", &config.frame_shape[..]),
-        ("goal_shape", shape),
-    ] {
-        if shape.len() > MAX_DIMENSIONS {
-            return Err(Error::Argument {
-                field,
-                expected: format!("at most {MAX_DIMENSIONS} dimensions in a file"),
-                got: shape.len().to_string(),
-            });
-        }
-    }
-    let kinds = kind | item << 8 | (config.frame_item as u64) << 16 | (shape.len() as u64) << 32;
-    let stored = buffer.finished.iter().map(Episode::len).sum::<usize>();
-    file.put(&MAGIC)?;
-    file.put_words([
-        u64::from(VERSION) | (config.frame_shape.len() as u64) << 32,
-        kinds,
-    ])?;
-    file.put_words(sizes(config).map(|size| size as u64))?;
-    file.put_words([config.seed])?;
-    file.put_words(buffer.rng.state())?;
-    file.put_words([buffer.next_id, buffer.finished_steps])?;
-    file.put_words([buffer.finished.len() as u64, stored as u64])?;
-    file.put_words(config.frame_shape.iter().map(|&size| size as u64))?;
-    file.put_words(shape.iter().map(|&size| size as u64))
-}
-
-/// The sizes of a configuration, in the order of the file.
-const fn sizes(config: &EpisodeConfig) -> [usize; 9] {
-    [
-        config.num_streams,
-        config.max_episode_steps,
-        config.capacity_steps,
-        config.frame_stack,
-        config.num_goals,
-        config.num_interactions,
-        config.first_interaction_action,
-        config.action_dim,
-        0, // reserved
-    ]
-}
-
-/// A file's header, checked against itself and the length of the file.
-struct Header {
-    config: EpisodeConfig,
-    rng: Rng,
-    next_id: u64,
-    finished_steps: u64,
-    /// E.
-    episodes: usize,
-    /// S.
-    steps: usize,
-}
-
-impl Header {
-    fn read(reader: &mut Reader<'_>) -> Result<Self> {
-        let dimensions = reader.first(MAGIC, VERSION)?;
-        let fixed = reader.words(FIXED)?;
-        let (kinds, rest) = (fixed[0], &fixed[1..]);
-        let frame = reader.number("frame dimensions", dimensions, 1, MAX_DIMENSIONS)?;
-        let most = if kinds & 255 == 2 { MAX_DIMENSIONS } else { 0 };
-        let goal = reader.number("goal dimensions", kinds >> 32, 0, most)?;
-        let shapes = reader.words(frame + goal)?;
-        let mut shapes = shapes
-            .iter()
-            .map(|&size| reader.number("shape", size, 1, MAX_SIZE))
-            .collect::<Result<Vec<_>>>()?;
-        let goal_shape = shapes.split_off(frame);
-        let config = Self::config(reader, kinds, &rest[..10], shapes, goal_shape)?;
-        let state = [rest[10], rest[11], rest[12], rest[13]];
-        let zero = || reader.damaged("generator state", "one that is not zero", "0");
-        let header = Self {
-            config,
-            rng: Rng::from_state(state).ok_or_else(zero)?,
-            next_id: rest[14],
-            finished_steps: rest[15],
-            episodes: reader.number("episodes", rest[16], 0, MAX_SIZE)?,
-            steps: reader.number("steps", rest[17], 0, MAX_SIZE)?,
-        };
-        header.check(reader)?;
-        Ok(header)
-    }
-
-    fn config(
-        reader: &Reader<'_>,
-        kinds: u64,
-        numbers: &[u64],
-        frame_shape: Vec<usize>,
-        shape: Vec<usize>,
-    ) -> Result<EpisodeConfig> {
-        let item = |field, number: u64| {
-            let known = Item::ALL
-                .into_iter()
-                .find(|&item| item as u64 == number & 255);
-            known.ok_or_else(|| reader.damaged(field, "a known type", &(number & 255).to_string()))
-        };
-        let size = |place: usize| reader.number("sizes", numbers[place], 0, MAX_SIZE);
-        let goal_kind = match kinds & 255 {
-            0 => GoalKind::Labels,
-            1 => GoalKind::Observations,
-            2 => GoalKind::Vectors {
-                shape,
-                item: item("goal type", kinds >> 8)?,
-            },
-            other => return Err(reader.damaged("kind of goal", "0, 1 or 2", &other.to_string())),
-        };
-        reader.expect("reserved", "0", &numbers[8].to_string())?;
-        let config = EpisodeConfig {
-            frame_shape,
-            frame_item: item("frame type", kinds >> 16)?,
-            num_streams: size(0)?,
-            max_episode_steps: size(1)?,
-            capacity_steps: size(2)?,
-            frame_stack: size(3)?,
-            num_goals: size(4)?,
-            num_interactions: size(5)?,
-            first_interaction_action: size(6)?,
-            action_dim: size(7)?,
-            goal_kind,
-            seed: numbers[9],
-            backing: Backing::Memory,
-        };
-        let checked = config.check();
-        checked.map_err(|error| lie(reader, &error))?;
-        Ok(config)
-    }
-
-    /// Before memory is taken: all sizes together must be those of the file.
-    fn check(&self, reader: &Reader<'_>) -> Result<()> {
-        let range = self.episodes as u64..=MAX_COUNTER;
-        if !range.contains(&self.next_id) {
-            let expected = format!("a number in {range:?}");
-            return Err(reader.damaged("next id", &expected, &self.next_id.to_string()));
-        }
-        let held = self.steps <= self.config.capacity_steps
-            && self.steps >= self.episodes
-            && (self.steps as u64..=MAX_COUNTER).contains(&self.finished_steps);
-        if !held {
-            let found = format!("{} in {} episodes", self.steps, self.episodes);
-            return Err(reader.damaged("steps", "what the buffer can hold", &found));
-        }
-        let padded = self.header_bytes().and_then(|bytes| {
-            let padded = bytes.checked_next_multiple_of(crate::storage::files::ALIGNMENT)?;
-            padded.checked_add(self.goal_bytes()?)?.checked_add(16)
-        });
-        let frames = self.rows().checked_mul(self.config.frame_bytes());
-        reader.expect_length(frames.and_then(|frames| frames.checked_add(padded?)))
-    }
-
-    /// Bytes before the padding.
-    fn header_bytes(&self) -> Option<usize> {
-        let config = &self.config;
-        let goal = match &config.goal_kind {
-            GoalKind::Vectors { shape, .. } => shape.len(),
-            _ => 0,
-        };
-        let words = 2 + FIXED + config.frame_shape.len() + goal + 1;
-        let step = 8 + if config.action_dim == 0 {
-            8
-        } else {
-            4 * config.action_dim
-        };
-        let episodes = self.episodes.checked_mul(32)?;
-        let steps = self.steps.checked_mul(step)?;
-        (8 * words).checked_add(episodes)?.checked_add(steps)
-    }
-
-    fn goal_bytes(&self) -> Option<usize> {
-        let told = self.episodes.checked_mul(self.config.desired_bytes())?;
-        let reached = self.config.vector_bytes().unwrap_or_default();
-        told.checked_add(self.rows().checked_mul(reached)?)
-    }
-
-    /// Frames: one more in each episode than steps. Both are below 2^63.
-    const fn rows(&self) -> usize {
-        self.steps + self.episodes
-    }
 }
 
 /// How a file is read.
@@ -378,12 +189,7 @@ fn read_steps(reader: &mut Reader<'_>, loading: &Loading) -> Result<(EpisodeBuff
     }
     let episodes = read_episodes(reader, &header)?;
     reader.expect_checksum("checksum of the header")?;
-    reader.padding(
-        header
-            .header_bytes()
-            .unwrap_or(MAX_SIZE)
-            .next_multiple_of(4096),
-    )?;
+    reader.padding(header.bytes().unwrap_or(MAX_SIZE).next_multiple_of(4096))?;
     let mut buffer = EpisodeBuffer::new(config)?;
     buffer.rng = header.rng.clone();
     buffer.next_id = header.next_id;
@@ -471,24 +277,10 @@ fn check_episode(config: &EpisodeConfig, episode: &Episode) -> Result<()> {
     check_labels("goal", &[episode.goal], config.num_goals)?;
     let interactions = config.num_interactions.max(1);
     check_labels("interaction", &[episode.interaction], interactions)?;
-    check_labels("actions", &episode.actions, config.num_actions())?;
+    check_labels("actions", &episode.actions, config.action_limit())?;
     check_finite("actions", &episode.vectors)?;
     check_finite("rewards", &episode.rewards)?;
     check_finite("values", &episode.values)
-}
-
-/// The error of a file whose checksum is right and whose numbers are not.
-fn lie(reader: &Reader<'_>, error: &Error) -> Error {
-    reader.damaged("contents", "those of an episode buffer", &error.to_string())
-}
-
-/// Non-negative numbers are stored as they are; no other passes the checks.
-fn word(number: i64) -> u64 {
-    class_of(number) as u64
-}
-
-fn number(word: u64) -> i64 {
-    usize::try_from(word).map_or(-1, label_of)
 }
 
 #[cfg(test)]

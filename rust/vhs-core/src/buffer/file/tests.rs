@@ -19,8 +19,10 @@ const FINISHED_STEPS: usize = 144;
 const NUM_EPISODES: usize = 152;
 const NUM_STEPS: usize = 160;
 const SHAPE: usize = 168;
+/// The one action that does an interaction, and which.
+const INTERACTIONS: usize = 184;
 /// Goal, interaction, end and steps of each.
-const EPISODES: usize = 184;
+const EPISODES: usize = 200;
 const ACTIONS: usize = EPISODES + 2 * 32;
 const REWARDS: usize = ACTIONS + 3 * 8;
 const HEADER_END: usize = REWARDS + 2 * 3 * 4;
@@ -54,7 +56,9 @@ fn saved() -> (PathBuf, Vec<u8>) {
         max_episode_steps: 4,
         capacity_steps: 8,
         num_goals: 5,
+        num_actions: Some(4),
         num_interactions: 1,
+        interactions: [(3, 0)].into(),
         ..EpisodeConfig::default()
     })
     .expect("valid sizes");
@@ -103,7 +107,11 @@ fn the_tampered_copy_itself_is_readable() {
 #[test]
 fn other_kinds_of_files_are_named() {
     assert_damaged(0, 0, "`first bytes`: expected vhsepiso, found \\x00");
-    assert_damaged(8, (2 << 32) | 9, "`version`: expected 1, found 9");
+    assert_damaged(
+        8,
+        (2 << 32) | 9,
+        "`version`: expected one in 1..=2, found 9",
+    );
     assert_damaged(
         8,
         (65 << 32) | 1,
@@ -165,6 +173,18 @@ fn episodes_that_could_not_have_been_recorded_are_refused() {
         assert!(matches!(error, Error::Damaged { .. }), "{error}");
         assert!(error.to_string().contains("finite"), "{error}");
     }
+}
+
+#[test]
+fn interactions_that_no_action_can_do_are_refused() {
+    let lie = "`contents`: expected those of";
+    assert_damaged(INTERACTIONS, 4, lie); // of four actions
+    assert_damaged(INTERACTIONS + 8, 1, lie); // of one interaction
+    assert_damaged(INTERACTIONS + 8, u64::MAX, lie);
+    assert_damaged(SIZES + 64, 1 << 62, "`interactions`: expected a number in");
+    assert_damaged(SIZES + 64, 0, "`steps of an episode`: expected a number in");
+    assert_damaged(SIZES + 40, 0, lie); // of none
+    assert_damaged(KINDS, 2 << 24, "`stacking`: expected 0 or 1, found 2");
 }
 
 #[test]

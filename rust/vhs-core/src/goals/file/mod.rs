@@ -161,7 +161,7 @@ struct Header {
 impl Header {
     /// Reads up to the first image.
     fn read(reader: &mut Reader<'_>) -> Result<Self> {
-        let dimensions = reader.first(MAGIC, VERSION)?;
+        let (_, dimensions) = reader.first(MAGIC, VERSION)?;
         let fixed = reader.words(FIXED / 8 - 2)?;
         let dimensions = reader.number("image dimensions", dimensions, 1, MAX_DIMENSIONS)?;
         let classes = reader.number("classes", fixed[0], 1, MAX_CLASSES)?;

@@ -93,7 +93,11 @@ fn rings_that_contradict_themselves_are_refused() {
 #[test]
 fn other_kinds_of_files_are_named() {
     assert_damaged(0, 0, "`first bytes`: expected vhsgoals, found \\x00");
-    assert_damaged(8, (2 << 32) | 9, "`version`: expected 1, found 9");
+    assert_damaged(
+        8,
+        (2 << 32) | 9,
+        "`version`: expected one in 1..=1, found 9",
+    );
     assert_damaged(
         8,
         (65 << 32) | 1,

@@ -1,25 +1,25 @@
 //! Arguments of `vhs.EpisodeBuffer`: frames, goals and actions as the core wants them.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::PyString;
+use pyo3::types::{PyMapping, PyString};
 use vhs_base::check::check_shape;
 use vhs_base::error::Error;
 use vhs_core::batch::Layout;
 use vhs_core::config::{Backing, GoalKind};
 use vhs_core::item::Item;
 
-use crate::arrays::{checked, integer_vec, reals, shape, size, slice};
+use crate::arrays::{checked, integer, integer_vec, reals, shape, size, slice, type_name};
 use crate::bytes::{bytes_of, item};
 use crate::episode_buffer::EpisodeBuffer;
 use crate::error::{dtype, to_py};
-use crate::sampling::goal_array;
 
 impl EpisodeBuffer {
     /// Frames as bytes: `count` of them, or one without a leading dimension.
-    pub(crate) fn frames<'py>(
+    pub(super) fn frames<'py>(
         &self,
         field: &'static str,
         frames: &Bound<'py, PyAny>,
@@ -39,7 +39,7 @@ impl EpisodeBuffer {
     }
 
     /// The goals that episodes are told, as bytes; None where those are labels.
-    pub(crate) fn desired_as_bytes<'py>(
+    pub(super) fn desired_as_bytes<'py>(
         &self,
         field: &'static str,
         goals: Option<&Bound<'py, PyAny>>,
@@ -50,7 +50,7 @@ impl EpisodeBuffer {
     }
 
     /// The goals reached, as bytes; None where those are observations.
-    pub(crate) fn achieved_as_bytes<'py>(
+    pub(super) fn achieved_as_bytes<'py>(
         &self,
         field: &'static str,
         goals: Option<&Bound<'py, PyAny>>,
@@ -67,7 +67,7 @@ impl EpisodeBuffer {
         count: &[usize],
         is_wanted: bool,
     ) -> PyResult<Option<PyReadonlyArrayDyn<'py, u8>>> {
-        let (goal, item) = goal_array(self.config());
+        let (goal, item) = self.goal_array();
         let shape = [count, &goal].concat();
         match goals {
             Some(goals) if is_wanted => bytes_of(field, goals, item, &shape).map(Some),
@@ -87,7 +87,7 @@ impl EpisodeBuffer {
     /// Actions of `count` steps: numbers, or vectors.
     ///
     /// Copies: what is checked is what is stored, whatever another thread does to the caller's array meanwhile.
-    pub(crate) fn actions(&self, actions: &Bound<'_, PyAny>, count: &[usize]) -> PyResult<Actions> {
+    pub(super) fn actions(&self, actions: &Bound<'_, PyAny>, count: &[usize]) -> PyResult<Actions> {
         let dim = self.config().action_dim;
         if dim == 0 {
             return integer_vec("actions", actions).map(Actions::Numbered);
@@ -103,14 +103,14 @@ impl EpisodeBuffer {
 }
 
 /// The actions of a step or several.
-pub(crate) enum Actions {
+pub(super) enum Actions {
     Number([i64; 1]),
     Numbered(Vec<i64>),
     Continuous(Vec<f32>),
 }
 
 impl Actions {
-    pub(crate) fn parts(&self) -> (&[i64], &[f32]) {
+    pub(super) fn parts(&self) -> (&[i64], &[f32]) {
         match self {
             Self::Number(number) => (number, &[]),
             Self::Numbered(numbers) => (numbers, &[]),
@@ -120,12 +120,12 @@ impl Actions {
 }
 
 /// The bytes of goals that may be missing.
-pub(crate) fn goal_bytes<'a>(goals: Option<&'a PyReadonlyArrayDyn<'_, u8>>) -> &'a [u8] {
+pub(super) fn goal_bytes<'a>(goals: Option<&'a PyReadonlyArrayDyn<'_, u8>>) -> &'a [u8] {
     goals.map_or(&[], |goals| slice(goals))
 }
 
 /// What goals are, from the arguments of the constructor.
-pub(crate) fn goal_kind(
+pub(super) fn goal_kind(
     goals: &str,
     goal_shape: Option<&Bound<'_, PyAny>>,
     goal_dtype: Option<&Bound<'_, PyAny>>,
@@ -151,34 +151,36 @@ pub(crate) fn goal_kind(
     }
 }
 
-/// The number of moves, the actions before the first interaction: as given, or of so many actions in all.
-pub(crate) fn moves(
-    first_interaction_action: Option<&Bound<'_, PyAny>>,
-    num_actions: Option<&Bound<'_, PyAny>>,
-    num_interactions: usize,
-) -> PyResult<usize> {
-    let first = first_interaction_action
-        .map(|first| size("first_interaction_action", first))
-        .transpose()?;
-    let Some(num_actions) = num_actions else {
-        return Ok(first.unwrap_or(3));
+/// What `interactions` and the two counts beside it say: how many interactions, and which action does which.
+pub(super) fn interactions(
+    mapping: Option<&Bound<'_, PyAny>>,
+    count: Option<&Bound<'_, PyAny>>,
+) -> PyResult<(usize, BTreeMap<i64, i64>)> {
+    let mut pairs = BTreeMap::new();
+    if let Some(mapping) = mapping {
+        let Ok(mapping) = mapping.cast::<PyMapping>() else {
+            let expected = "a mapping of actions to interactions, such as {3: 0}";
+            return Err(dtype("interactions", expected, &type_name(mapping)));
+        };
+        for pair in mapping.items()?.try_iter()? {
+            let (action, interaction): (Bound<'_, PyAny>, Bound<'_, PyAny>) = pair?.extract()?;
+            let number = |argument| integer("interactions", argument);
+            pairs.insert(number(&action)?, number(&interaction)?);
+        }
+    }
+    let Some(count) = count else {
+        // One more than the largest; what is negative is refused with the buffer's other settings.
+        let most = pairs
+            .values()
+            .max()
+            .map_or(0, |&most| most.saturating_add(1));
+        return Ok((usize::try_from(most).unwrap_or_default(), pairs));
     };
-    let all = size("num_actions", num_actions)?;
-    let moves = all.checked_sub(num_interactions);
-    let expected = match (first, moves) {
-        (None, Some(moves)) => return Ok(moves),
-        (None, None) => format!("at least num_interactions = {num_interactions}"),
-        (Some(_), _) => "either it or first_interaction_action".into(),
-    };
-    Err(to_py(Error::Argument {
-        field: "num_actions",
-        expected,
-        got: first.map_or_else(|| all.to_string(), |_| "both".into()),
-    }))
+    Ok((size("num_interactions", count)?, pairs))
 }
 
 /// Memory, or the scratch file at a path.
-pub(crate) fn backing(argument: Option<&Bound<'_, PyAny>>) -> PyResult<Backing> {
+pub(super) fn backing(argument: Option<&Bound<'_, PyAny>>) -> PyResult<Backing> {
     let Some(argument) = argument else {
         return Ok(Backing::Memory);
     };
@@ -191,7 +193,7 @@ pub(crate) fn backing(argument: Option<&Bound<'_, PyAny>>) -> PyResult<Backing> 
 }
 
 /// One dense rectangle, or one episode after the other.
-pub(crate) const fn layout(padded: bool) -> Layout {
+pub(super) const fn layout(padded: bool) -> Layout {
     if padded {
         Layout::Padded
     } else {

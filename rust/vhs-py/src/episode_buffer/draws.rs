@@ -11,7 +11,6 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySlice};
 use vhs_base::rng::Rng;
 use vhs_core::batch::{Batch, Layout};
-use vhs_core::config::{EpisodeConfig, GoalKind};
 use vhs_core::item::Item;
 use vhs_core::pool::Bytes;
 use vhs_core::relabel::{Hindsight, Rule};
@@ -27,19 +26,6 @@ use crate::error::dtype;
 use crate::hindsight::Reward;
 use crate::transitions::{TransitionBatch, WindowBatch};
 
-/// Shape and type of a goal as an array.
-pub(crate) fn goal_array(config: &EpisodeConfig) -> (Vec<usize>, Item) {
-    match &config.goal_kind {
-        GoalKind::Vectors { shape, item } => (shape.clone(), *item),
-        _ => (observation(config), config.frame_item),
-    }
-}
-
-/// Shape of an observation.
-pub(crate) fn observation(config: &EpisodeConfig) -> Vec<usize> {
-    [&[config.frame_stack], &config.frame_shape[..]].concat()
-}
-
 /// A caller's `out` array, or None where there is none under this name.
 type Room<'py> = Option<PyReadwriteArrayDyn<'py, u8>>;
 
@@ -49,7 +35,7 @@ impl EpisodeBuffer {
         let (before, after, mut own) = {
             let mut shared = self.shared_rng();
             let before = shared.clone();
-            let own = Rng::new(shared.next_u64());
+            let own = shared.split();
             (before, shared.clone(), own)
         };
         sample(&mut own).inspect_err(|_| {
@@ -76,7 +62,7 @@ impl EpisodeBuffer {
             let batch = self.read(py, |buffer| buffer.gather_as(ids, layout))?;
             return self.batch(py, batch, None, None, layout);
         };
-        let mut room = self.episode_room(out, layout)?;
+        let mut room = self.episode_room(out)?;
         let room = room.as_slice_mut()?;
         let batch = self.read(py, |buffer| buffer.gather_into(ids, layout, room))?;
         self.batch(py, batch, None, Some(out), layout)
@@ -95,7 +81,7 @@ impl EpisodeBuffer {
                 let sampled = self.read(py, |buffer| buffer.sample_with(n, rule, layout, rng))?;
                 return self.batch(py, sampled.0, sampled.1, None, layout);
             };
-            let mut room = self.episode_room(out, layout)?;
+            let mut room = self.episode_room(out)?;
             let room = room.as_slice_mut()?;
             let batch = self.read(py, |buffer| {
                 let ids = buffer.draw_ids_with(n, rng)?;
@@ -107,14 +93,9 @@ impl EpisodeBuffer {
     }
 
     /// The `out` of whole episodes: rows of observations.
-    fn episode_room<'py>(
-        &self,
-        out: &Bound<'py, PyAny>,
-        layout: Layout,
-    ) -> PyResult<PyReadwriteArrayDyn<'py, u8>> {
-        let (config, row) = (self.config(), observation(self.config()));
-        let _ = layout;
-        out_rows(out, config.frame_item, &row)
+    fn episode_room<'py>(&self, out: &Bound<'py, PyAny>) -> PyResult<PyReadwriteArrayDyn<'py, u8>> {
+        let config = self.config();
+        out_rows(out, config.frame_item, &config.observation_shape())
     }
 
     /// A batch of the core as arrays. Observations that were written to `out` are a view of its first rows.
@@ -132,7 +113,7 @@ impl EpisodeBuffer {
             Layout::Packed => vec![rows],
             Layout::Padded => vec![count, rows / count.max(1)],
         };
-        let shape = [&leading[..], &observation(config)].concat();
+        let shape = [&leading[..], &config.observation_shape()].concat();
         let observations = match out {
             None => pooled(py, batch.observations, config.frame_item, &shape)?,
             Some(out) => {
@@ -140,7 +121,7 @@ impl EpisodeBuffer {
                 used.call_method1("reshape", (shape,))?
             }
         };
-        let (goal, item) = goal_array(config);
+        let (goal, item) = self.goal_array();
         let desired = part(
             py,
             batch.desired_goals,
@@ -154,7 +135,7 @@ impl EpisodeBuffer {
             &[&leading[..], &goal].concat(),
         )?;
         let large = [Some(observations), desired, achieved];
-        EpisodeBatch::from_core(py, large, batch.index, hindsight, config)
+        EpisodeBatch::from_core(py, large, batch.index, hindsight, config.action_dim)
     }
 
     pub(crate) fn transitions(
@@ -168,9 +149,9 @@ impl EpisodeBuffer {
         self.with_rng(|rng| {
             let config = self.config();
             let sizes = self.read(py, |buffer| buffer.transition_sizes(n, rule))?;
-            let (goal, item) = goal_array(config);
+            let (goal, item) = self.goal_array();
             let (image, goal) = (
-                [&[n], &observation(config)[..]].concat(),
+                [&[n], &config.observation_shape()[..]].concat(),
                 [&[n], &goal[..]].concat(),
             );
             let parts = [
@@ -218,8 +199,8 @@ impl EpisodeBuffer {
     ) -> PyResult<WindowBatch> {
         self.with_rng(|rng| {
             let config = self.config();
-            let shape = [&[n, window.steps() + 1], &observation(config)[..]].concat();
-            let (goal, item) = goal_array(config);
+            let shape = [&[n, window.steps() + 1], &config.observation_shape()[..]].concat();
+            let (goal, item) = self.goal_array();
             let sparse = reward.sparse();
             let (observations, batch) = match out {
                 None => {

@@ -1,13 +1,19 @@
 //! The buffer behind `vhs.EpisodeBuffer`: its locks, and the process that it belongs to.
 
+mod arguments;
+mod draws;
+mod methods;
+
 use std::sync::{Mutex, PoisonError, RwLock};
 
 use pyo3::prelude::*;
 use vhs_base::error::{Error, Result};
 use vhs_base::rng::Rng;
-use vhs_core::episodes::{self as core, Backing, EpisodeConfig, GoalKind};
+use vhs_core::config::Stacking;
+use vhs_core::episodes::{self as core, Backing, EpisodeConfig, GoalKind, Item};
 
 use crate::arrays::{checked, integer_vec};
+use crate::error::to_py;
 
 /// Frames of at most so many bytes are copied without giving the interpreter away: some microseconds.
 const BRIEF: usize = 1 << 16;
@@ -21,16 +27,49 @@ pub(crate) struct EpisodeBuffer {
     pub(crate) rng: Mutex<Rng>,
     /// What the buffer was built from: fixed, so reading it needs no lock.
     config: EpisodeConfig,
+    #[doc = stub!("EpisodeBuffer.num_streams")]
+    #[pyo3(get)]
+    num_streams: usize,
+    #[doc = stub!("EpisodeBuffer.max_episode_steps")]
+    #[pyo3(get)]
+    max_episode_steps: usize,
+    #[doc = stub!("EpisodeBuffer.capacity_steps")]
+    #[pyo3(get)]
+    capacity_steps: usize,
+    #[doc = stub!("EpisodeBuffer.frame_stack")]
+    #[pyo3(get)]
+    frame_stack: usize,
+    #[doc = stub!("EpisodeBuffer.num_goals")]
+    #[pyo3(get)]
+    num_goals: usize,
+    #[doc = stub!("EpisodeBuffer.num_actions")]
+    #[pyo3(get)]
+    num_actions: Option<usize>,
+    #[doc = stub!("EpisodeBuffer.num_interactions")]
+    #[pyo3(get)]
+    num_interactions: usize,
+    #[doc = stub!("EpisodeBuffer.action_dim")]
+    #[pyo3(get)]
+    action_dim: usize,
     /// The process that made it, where frames lie in a scratch file: a fork would share that memory.
     owner: Option<u32>,
 }
 
 impl From<core::EpisodeBuffer> for EpisodeBuffer {
     fn from(mut buffer: core::EpisodeBuffer) -> Self {
+        let config = buffer.config().clone();
         Self {
-            config: buffer.config().clone(),
+            num_streams: config.num_streams,
+            max_episode_steps: config.max_episode_steps,
+            capacity_steps: config.capacity_steps,
+            frame_stack: config.frame_stack,
+            num_goals: config.num_goals,
+            num_actions: config.num_actions,
+            num_interactions: config.num_interactions,
+            action_dim: config.action_dim,
+            owner: (config.backing != Backing::Memory).then(std::process::id),
+            config,
             rng: Mutex::new(buffer.rng_mut().clone()),
-            owner: (buffer.config().backing != Backing::Memory).then(std::process::id),
             inner: RwLock::new(buffer),
         }
     }
@@ -64,6 +103,21 @@ impl EpisodeBuffer {
             GoalKind::Labels => "labels",
             GoalKind::Observations => "observations",
             GoalKind::Vectors { .. } => "vectors",
+        }
+    }
+
+    pub(crate) const fn stacking_word(&self) -> &'static str {
+        match self.config.stacking {
+            Stacking::Frames => "frames",
+            Stacking::Channels => "channels",
+        }
+    }
+
+    /// Shape and type of a goal as an array.
+    pub(crate) fn goal_array(&self) -> (Vec<usize>, Item) {
+        match &self.config.goal_kind {
+            GoalKind::Vectors { shape, item } => (shape.clone(), *item),
+            _ => (self.config.observation_shape(), self.config.frame_item),
         }
     }
 
@@ -118,5 +172,18 @@ impl EpisodeBuffer {
     pub(crate) fn all_streams(&self, streams: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<i64>> {
         let all = || Ok((0..).take(self.config.num_streams).collect());
         streams.map_or_else(all, |streams| integer_vec("streams", streams))
+    }
+}
+
+/// How the frames of an observation lie in it, from its word.
+pub(crate) fn stacking(word: &str) -> PyResult<Stacking> {
+    match word {
+        "frames" => Ok(Stacking::Frames),
+        "channels" => Ok(Stacking::Channels),
+        _ => Err(to_py(Error::Argument {
+            field: "stacking",
+            expected: "\"frames\", \"channels\"".into(),
+            got: format!("\"{word}\""),
+        })),
     }
 }

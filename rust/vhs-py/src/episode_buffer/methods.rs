@@ -1,5 +1,6 @@
-//! `vhs.EpisodeBuffer`.
+//! The methods of `vhs.EpisodeBuffer`: arguments in, a call of the core, arrays out.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use numpy::PyArrayDyn;
@@ -9,31 +10,30 @@ use vhs_base::error::Error;
 use vhs_core::episodes::{self as core, Backing, EpisodeConfig, Item, Opening, Steps};
 use vhs_core::windows::WindowShape;
 
+use super::arguments::{Actions, backing, goal_bytes, goal_kind, interactions, layout};
+use super::{EpisodeBuffer, stacking};
 use crate::arrays::{
     checked, integer, integer_vec, into_array, real_vec, rng_from_state, rows, seed, shape, size,
     slice,
 };
 use crate::batch::EpisodeBatch;
 use crate::bytes::{filled_bytes, item, item_name};
-use crate::episode_arguments::{Actions, goal_bytes, goal_kind, layout, moves};
-use crate::episode_buffer::EpisodeBuffer;
 use crate::error::{no_pickle, to_py};
 use crate::hindsight::{Reward, hindsight_rule, refuse_without_strategy};
 use crate::relabel::{outcome, rule};
-use crate::sampling::{goal_array, observation};
 use crate::transitions::{TransitionBatch, WindowBatch};
 
 #[pymethods]
 impl EpisodeBuffer {
     #[new]
     #[pyo3(signature = (frame_shape, *, num_streams, max_episode_steps, capacity_steps, frame_stack=None,
-                        num_goals=None, num_interactions=None, first_interaction_action=None,
-                        num_actions=None, dtype=None, goals="labels", goal_shape=None, goal_dtype=None, action_dim=None, backing=None,
-                        seed=None),
+                        stacking="frames", num_goals=None, num_actions=None, interactions=None,
+                        num_interactions=None, dtype=None, goals="labels", goal_shape=None, goal_dtype=None,
+                        action_dim=None, backing=None, seed=None),
            text_signature = "(frame_shape, *, num_streams, max_episode_steps, capacity_steps, frame_stack=2, \
-                             num_goals=1, num_interactions=0, first_interaction_action=3, \
-                             num_actions=None, dtype='uint8', goals='labels', goal_shape=None, goal_dtype=None, action_dim=0, \
-                             backing='memory', seed=0)")]
+                             stacking='frames', num_goals=1, num_actions=None, interactions=None, \
+                             num_interactions=None, dtype='uint8', goals='labels', goal_shape=None, \
+                             goal_dtype=None, action_dim=0, backing='memory', seed=0)")]
     #[expect(
         clippy::too_many_arguments,
         reason = "keyword arguments in Python; one struct from here on"
@@ -44,10 +44,11 @@ impl EpisodeBuffer {
         max_episode_steps: &Bound<'_, PyAny>,
         capacity_steps: &Bound<'_, PyAny>,
         frame_stack: Option<&Bound<'_, PyAny>>,
+        stacking: &str,
         num_goals: Option<&Bound<'_, PyAny>>,
-        num_interactions: Option<&Bound<'_, PyAny>>,
-        first_interaction_action: Option<&Bound<'_, PyAny>>,
         num_actions: Option<&Bound<'_, PyAny>>,
+        interactions: Option<&Bound<'_, PyAny>>,
+        num_interactions: Option<&Bound<'_, PyAny>>,
         dtype: Option<&Bound<'_, PyAny>>,
         goals: &str,
         goal_shape: Option<&Bound<'_, PyAny>>,
@@ -59,8 +60,7 @@ impl EpisodeBuffer {
         let or = |default: usize, field, argument: Option<&Bound<'_, PyAny>>| {
             argument.map_or(Ok(default), |argument| size(field, argument))
         };
-        let num_interactions = or(0, "num_interactions", num_interactions)?;
-        let moves = moves(first_interaction_action, num_actions, num_interactions)?;
+        let (num_interactions, interactions) = self::interactions(interactions, num_interactions)?;
         let config = EpisodeConfig {
             frame_shape: shape("frame_shape", frame_shape)?,
             frame_item: dtype.map_or(Ok(Item::U8), |dtype| item("dtype", dtype))?,
@@ -68,13 +68,17 @@ impl EpisodeBuffer {
             max_episode_steps: size("max_episode_steps", max_episode_steps)?,
             capacity_steps: size("capacity_steps", capacity_steps)?,
             frame_stack: or(2, "frame_stack", frame_stack)?,
+            stacking: self::stacking(stacking)?,
             goal_kind: goal_kind(goals, goal_shape, goal_dtype)?,
             num_goals: or(1, "num_goals", num_goals)?,
+            num_actions: num_actions
+                .map(|number| size("num_actions", number))
+                .transpose()?,
             num_interactions,
-            first_interaction_action: moves,
+            interactions,
             action_dim: or(0, "action_dim", action_dim)?,
             seed: seed.map_or(Ok(0), self::seed)?,
-            backing: crate::episode_arguments::backing(backing)?,
+            backing: self::backing(backing)?,
         };
         checked(core::EpisodeBuffer::new(config)).map(Self::from)
     }
@@ -209,7 +213,7 @@ impl EpisodeBuffer {
         let streams = self.all_streams(streams)?;
         let fresh = || self.read(py, |buffer| Ok((buffer.observe(&streams)?, ())));
         let into = |out: &mut [u8]| self.read(py, |buffer| buffer.observe_into(&streams, out));
-        let shape = rows(streams.len(), &observation(self.config()));
+        let shape = rows(streams.len(), &self.config().observation_shape());
         Ok(filled_bytes(py, out, self.config().frame_item, &shape, fresh, into)?.0)
     }
 
@@ -245,9 +249,8 @@ impl EpisodeBuffer {
                 ("on", on.is_some()),
             ])?;
         }
-        let first = i64::try_from(self.config().first_interaction_action).unwrap_or(i64::MAX);
         let probability = probability.unwrap_or(1.0);
-        let rule = relabel.map(|strategy| rule(strategy, on, probability, first));
+        let rule = relabel.map(|strategy| rule(strategy, on, probability));
         let rule = rule.transpose()?;
         self.sample_batch(py, size("n", n)?, rule.as_ref(), layout(padded), out)
     }
@@ -325,7 +328,7 @@ impl EpisodeBuffer {
         mmap: bool,
         backing: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
-        let backing = crate::episode_arguments::backing(backing)?;
+        let backing = self::backing(backing)?;
         if mmap && backing != Backing::Memory {
             return Err(to_py(Error::Argument {
                 field: "backing",
@@ -410,7 +413,7 @@ impl EpisodeBuffer {
     #[doc = stub!("EpisodeBuffer.observation_shape")]
     #[getter]
     fn observation_shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, observation(self.config()))
+        PyTuple::new(py, self.config().observation_shape())
     }
 
     #[doc = stub!("EpisodeBuffer.dtype")]
@@ -429,68 +432,26 @@ impl EpisodeBuffer {
     #[doc = stub!("EpisodeBuffer.goal_shape")]
     #[getter]
     fn goal_shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, goal_array(self.config()).0)
+        PyTuple::new(py, self.goal_array().0)
     }
 
     #[doc = stub!("EpisodeBuffer.goal_dtype")]
     #[getter]
     fn goal_dtype<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let name = item_name(goal_array(self.config()).1);
+        let name = item_name(self.goal_array().1);
         py.import("numpy")?.call_method1("dtype", (name,))
     }
 
-    #[doc = stub!("EpisodeBuffer.action_dim")]
-    #[getter]
-    fn action_dim(&self) -> usize {
-        self.config().action_dim
+    #[doc = stub!("EpisodeBuffer.stacking")]
+    #[getter(stacking)]
+    fn stacking_getter(&self) -> &'static str {
+        self.stacking_word()
     }
 
-    #[doc = stub!("EpisodeBuffer.num_streams")]
-    #[getter]
-    fn num_streams(&self) -> usize {
-        self.config().num_streams
-    }
-
-    #[doc = stub!("EpisodeBuffer.max_episode_steps")]
-    #[getter]
-    fn max_episode_steps(&self) -> usize {
-        self.config().max_episode_steps
-    }
-
-    #[doc = stub!("EpisodeBuffer.capacity_steps")]
-    #[getter]
-    fn capacity_steps(&self) -> usize {
-        self.config().capacity_steps
-    }
-
-    #[doc = stub!("EpisodeBuffer.frame_stack")]
-    #[getter]
-    fn frame_stack(&self) -> usize {
-        self.config().frame_stack
-    }
-
-    #[doc = stub!("EpisodeBuffer.num_goals")]
-    #[getter]
-    fn num_goals(&self) -> usize {
-        self.config().num_goals
-    }
-
-    #[doc = stub!("EpisodeBuffer.num_interactions")]
-    #[getter]
-    fn num_interactions(&self) -> usize {
-        self.config().num_interactions
-    }
-
-    #[doc = stub!("EpisodeBuffer.first_interaction_action")]
-    #[getter(first_interaction_action)]
-    fn first_interaction_action_getter(&self) -> usize {
-        self.config().first_interaction_action
-    }
-
-    #[doc = stub!("EpisodeBuffer.num_actions")]
-    #[getter(num_actions)]
-    fn num_actions_getter(&self) -> usize {
-        self.config().num_actions()
+    #[doc = stub!("EpisodeBuffer.interactions")]
+    #[getter(interactions)]
+    fn interactions_getter(&self) -> BTreeMap<i64, i64> {
+        self.config().interactions.clone()
     }
 
     #[doc = stub!("EpisodeBuffer.__len__")]
