@@ -42,20 +42,22 @@ fn spread<'a, const PIXEL: usize>(frames: impl ExactSizeIterator<Item = &'a [u8]
     }
 }
 
-/// Pixels that `two_of_three` takes at once: their bytes are whole words.
-const AT_ONCE: usize = 8;
-
-/// Two frames of three colours, the usual case: both at once, a pixel of both by one store of eight bytes, of which
-/// the next pixel overwrites the last two.
+/// Two frames of three colours, the usual case: four pixels of both at once, by words.
 fn two_of_three(first: &[u8], second: &[u8], out: &mut [u8]) {
-    let (firsts, first_rest) = first.as_chunks::<{ 3 * AT_ONCE }>();
-    let (seconds, second_rest) = second.as_chunks::<{ 3 * AT_ONCE }>();
-    let (cells, rest) = out.as_chunks_mut::<{ 6 * AT_ONCE }>();
-    for ((a, b), cells) in firsts.iter().zip(seconds).zip(cells) {
-        for pixel in 0..AT_ONCE {
-            let bytes = (word(a, pixel) & 0xFF_FFFF | word(b, pixel) << 24).to_le_bytes();
-            let room = (6 * AT_ONCE - 6 * pixel).min(8);
-            cells[6 * pixel..][..room].copy_from_slice(&bytes[..room]);
+    let (firsts, first_rest) = first.as_chunks::<12>();
+    let (seconds, second_rest) = second.as_chunks::<12>();
+    let (cells, rest) = out.as_chunks_mut::<24>();
+    for ((first, second), cells) in firsts.iter().zip(seconds).zip(cells) {
+        let (first, second) = (four_pixels(first), four_pixels(second));
+        // Six bytes each.
+        let cell = |pixel: usize| first[pixel] | second[pixel] << 24;
+        let words = [
+            cell(0) | cell(1) << 48,
+            cell(1) >> 16 | cell(2) << 32,
+            cell(2) >> 32 | cell(3) << 16,
+        ];
+        for (out, word) in cells.as_chunks_mut::<8>().0.iter_mut().zip(words) {
+            *out = word.to_le_bytes();
         }
     }
     if !rest.is_empty() {
@@ -63,12 +65,17 @@ fn two_of_three(first: &[u8], second: &[u8], out: &mut [u8]) {
     }
 }
 
-/// A word whose lowest three bytes are a pixel.
+/// Four pixels of three bytes, a word each.
 #[inline]
-fn word(pixels: &[u8; 3 * AT_ONCE], pixel: usize) -> u64 {
-    // The last word that lies within the pixels serves those behind its start, too.
-    let start = (3 * pixel).min(3 * AT_ONCE - 8);
-    let mut bytes = [0; 8];
-    bytes.copy_from_slice(&pixels[start..start + 8]);
-    u64::from_le_bytes(bytes) >> (8 * (3 * pixel - start))
+const fn four_pixels(bytes: &[u8; 12]) -> [u64; 4] {
+    const PIXEL: u64 = 0xFF_FFFF;
+    let &[a, b, c, d, e, f, g, h, i, j, k, l] = bytes;
+    let low = u64::from_le_bytes([a, b, c, d, e, f, g, h]);
+    let high = u64::from_le_bytes([e, f, g, h, i, j, k, l]);
+    [
+        low & PIXEL,
+        low >> 24 & PIXEL,
+        high >> 16 & PIXEL,
+        high >> 40,
+    ]
 }
