@@ -342,6 +342,24 @@ def test_a_pictured_goal_is_told_as_an_observation(frame_stack: int) -> None:
     np.testing.assert_array_equal(batch.goals[~batch.relabelled][0], [picture] * frame_stack)
 
 
+def test_a_pictured_goal_is_stacked_as_the_buffer_stacks() -> None:
+    picture = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
+    buffer = vhs.EpisodeBuffer(
+        (4, 4, 3),
+        num_streams=1,
+        max_episode_steps=3,
+        capacity_steps=9,
+        stacking="channels",
+        goals="observations",
+    )
+    env = HindsightRecorder(Shown(np.ones((4, 4, 3), np.uint8), picture), buffer)
+    env.reset()
+    env.step(0)
+    env.reset()
+    told = buffer.gather([0]).desired_goals[0]
+    np.testing.assert_array_equal(told, np.concatenate([picture, picture], axis=-1))
+
+
 def test_a_goal_that_is_neither_class_nor_picture_is_refused() -> None:
     image = np.zeros((4, 4, 3), np.uint8)
     for goal, got in ((np.zeros(7, np.float32), r"float32 \[7\]"), ("red ball", "<U8"), (0.5, "float64")):
