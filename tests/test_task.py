@@ -21,7 +21,7 @@ def test_the_interaction_that_was_done_is_the_one_that_is_relabelled(moves: int)
     spec = toy_task(moves=moves).spec()
     of_task = make_buffer(spec, capacity_steps=60)
     of_recorder = recorder_buffer(
-        Toy(moves=moves), capacity_steps=60, max_episode_steps=6, num_interactions=2
+        Toy(moves=moves), capacity_steps=60, max_episode_steps=6, interactions={moves: 0, moves + 1: 1}
     )
     for buffer in (of_task, of_recorder):
         frame = np.zeros((16, 16, 3), np.uint8)
@@ -46,8 +46,9 @@ def test_a_spec_is_read_without_drawing_or_resetting() -> None:
         frame_dtype=np.dtype(np.uint8),
         num_goals=3,
         interactions={3: 0, 4: 1},
+        num_interactions=2,
     )
-    assert (spec.num_interactions, spec.first_interaction_action) == (2, 3)
+    assert (spec.num_interactions, dict(spec.interactions)) == (2, {3: 0, 4: 1})
 
 
 @pytest.mark.parametrize(
@@ -96,7 +97,7 @@ def test_the_rooms_are_tasks(name: str) -> None:
 
 def test_a_recorder_and_a_task_see_the_same_sizes() -> None:
     env = Toy(frame=(12, 20, 3))
-    buffer = recorder_buffer(env, capacity_steps=60, max_episode_steps=6, num_interactions=2)
+    buffer = recorder_buffer(env, capacity_steps=60, max_episode_steps=6, interactions={3: 0, 4: 1})
     recorder = HindsightRecorder(env, buffer)
     recorder.reset(seed=0)
     assert buffer.frame_shape == toy_task(frame=(12, 20, 3)).spec().frame_shape

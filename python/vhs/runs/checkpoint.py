@@ -85,7 +85,7 @@ def load_checkpoint(run: Path) -> tuple[dict[str, Any], GoalStore]:
     newest = found[-1]
     try:
         state = torch.load(newest / _STATE, map_location="cpu", weights_only=True)
-        goal_store = GoalStore.load(newest / _GOALS)
+        goal_store = GoalStore.load(newest / _GOALS, stacking="channels")
     except MemoryError as error:
         raise CheckpointError(f"{newest}: cannot be read: not enough memory") from error
     except Exception as error:  # torch.load raises whatever its reader meets in a damaged file
