@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use crate::item::{Item, volume};
+pub use crate::item::Item;
+use crate::item::volume;
 use crate::labels::class_of;
 use vhs_base::check::{self, check_range};
 use vhs_base::error::{Error, Result};

@@ -67,11 +67,14 @@ fn two_of_three(first: &[u8], second: &[u8], out: &mut [u8]) {
 
 /// Four pixels of three bytes, a word each.
 #[inline]
-const fn four_pixels(bytes: &[u8; 12]) -> [u64; 4] {
+fn four_pixels(bytes: &[u8; 12]) -> [u64; 4] {
     const PIXEL: u64 = 0xFF_FFFF;
-    let &[a, b, c, d, e, f, g, h, i, j, k, l] = bytes;
-    let low = u64::from_le_bytes([a, b, c, d, e, f, g, h]);
-    let high = u64::from_le_bytes([e, f, g, h, i, j, k, l]);
+    let word = |start: usize| {
+        let mut word = [0; 8];
+        word.copy_from_slice(&bytes[start..start + 8]);
+        u64::from_le_bytes(word)
+    };
+    let (low, high) = (word(0), word(4));
     [
         low & PIXEL,
         low >> 24 & PIXEL,

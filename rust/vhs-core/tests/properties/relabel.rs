@@ -1,6 +1,7 @@
 //! The hindsight rule on batches of real buffers.
 
 use proptest::prelude::*;
+use vhs_core::episodes::{EpisodeBuffer, EpisodeConfig, Steps};
 use vhs_core::outcome::{Outcome, OutcomeSet};
 use vhs_core::relabel::{EpisodeEnd, Rule};
 use vhs_core::rng::Rng;
@@ -117,5 +118,48 @@ fn sampling_with_a_rule_relabels_the_sampled_episodes() {
     for (place, &id) in batch.index.ids.iter().enumerate() {
         assert_eq!(hindsight.selected[place], id == 0);
         assert_eq!(hindsight.interactions[place], if id == 0 { 2 } else { 0 });
+    }
+}
+
+fn two_moves_and_two_interactions(interactions: &[(i64, i64)]) -> EpisodeConfig {
+    EpisodeConfig {
+        max_episode_steps: 1,
+        capacity_steps: 2,
+        num_actions: Some(4),
+        num_interactions: 2,
+        interactions: interactions.iter().copied().collect(),
+        ..EpisodeConfig::default()
+    }
+}
+
+#[test]
+fn interactions_are_those_that_the_configuration_names() {
+    let config = two_moves_and_two_interactions(&[(2, 0), (3, 1)]);
+    let mut buffer = EpisodeBuffer::new(config).expect("a valid configuration");
+    for action in [2, 3] {
+        buffer.begin(0, &[0], 0, 0).expect("an idle stream");
+        let steps = Steps {
+            streams: &[0],
+            actions: &[action],
+            rewards: &[0.0],
+            values: &[0.0],
+            frames: &[0],
+            ..Steps::default()
+        };
+        buffer.append(steps).expect("an open episode");
+        buffer.finish(0, Outcome::Failure).expect("a step");
+    }
+    let batch = buffer.gather(&[0, 1]).expect("stored ids");
+    let rule = Rule::new(failures(), 1.0).expect("a probability");
+    let hindsight = rule.relabel(&batch.index.ends, &mut Rng::new(0));
+    assert_eq!(hindsight.interactions, [0, 1]);
+}
+
+#[test]
+fn several_interactions_that_no_action_does_are_refused() {
+    for wrong in [&[][..], &[(4, 0)], &[(3, 2)], &[(3, -1)], &[(-1, 0)]] {
+        let error = EpisodeBuffer::new(two_moves_and_two_interactions(wrong)).expect_err("a guess");
+        let message = error.to_string();
+        assert!(message.starts_with("`interactions`: expected"), "{message}");
     }
 }
