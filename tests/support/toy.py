@@ -23,6 +23,7 @@ from vhs.learning.learner import Learner
 from vhs.task import Task, last_actions
 from vhs.train.build import make_learner
 
+SMALL = Path(__file__).parent / "toy.yaml"
 ALGORITHMS = Path(__file__).parents[2] / "configs" / "algorithms"
 SMALL = Path(__file__).parent / "toy.yaml"
 FRAME = (16, 16, 3)

@@ -22,7 +22,7 @@ from vhs.config import MethodSection, TrainSection
 from vhs.errors import DivergenceError
 from vhs.learning.goals import GoalImages, Goals
 from vhs.learning.parallel import Replicas
-from vhs.learning.terms import TERMS, Episodes, Forward, Images, Part, Term
+from vhs.learning.terms import TERMS, Episodes, Forward, Images, Over, Term
 from vhs.models import GoalAgent, to_device
 
 
@@ -43,10 +43,10 @@ class Learned(NamedTuple):
     image_features: Tensor
 
 
-class _Run(NamedTuple):
+class _Pass(NamedTuple):
     """Episodes for the LSTM, each under one goal."""
 
-    part: Part
+    over: Over
     rows: NDArray[np.int64]
     """Which of the batch, shape [B]."""
     inputs: tuple[Tensor, Tensor, Tensor]
@@ -95,13 +95,13 @@ class Learner:
         self._train = train
         self._success_reward = success_reward
         self._terms: dict[str, Term] = {name: TERMS[name] for name in method.row.terms}
-        self._parts = {term.over for term in self._terms.values()}
+        self._over = {term.over for term in self._terms.values()}
         self._device = agent.gate.weight.device
 
     @property
     def has_every_term(self) -> bool:
         """Whether goal images suffice for the terms on them, if there are any."""
-        return "images" not in self._parts or self.goals.is_warm
+        return "images" not in self._over or self.goals.is_warm
 
     def update(self, shares: Sequence[tuple[EpisodeBatch, Tensor]]) -> dict[str, float]:
         """Learn from finished episodes.
@@ -128,7 +128,7 @@ class Learner:
             if share.images is not None:
                 self.goals.learned(share.images, found.image_features)
         self.updates += 1
-        if "relabelled" not in self._parts:
+        if "relabelled" not in self._over:
             return metrics
         relabelled = np.concatenate([share.hindsight.selected for share in work])
         return metrics | {"relabelled": float(relabelled.mean())}
@@ -149,11 +149,11 @@ class Learner:
 
     def _relabel(self, batch: EpisodeBatch) -> Hindsight:
         method = self._method
-        probability = method.relabel_probability if "relabelled" in self._parts else 0.0
+        probability = method.relabel_probability if "relabelled" in self._over else 0.0
         return relabel(batch, on=method.relabel_on, probability=probability, rng=self.rng)
 
     def _images(self) -> GoalImages | None:
-        return self.goals.batch() if "images" in self._parts else None
+        return self.goals.batch() if "images" in self._over else None
 
     def _learn(self, agent: GoalAgent, share: Share) -> Learned:
         """Terms of one share and, in `agent`, the gradients of their sum."""
@@ -181,35 +181,35 @@ class Learner:
         batch = share.batch
         steps = torch.arange(batch.actions.shape[1], device=self._device)
         rows = (self._tensor(batch.offsets).unsqueeze(1) + steps).clamp(max=len(features) - 1)
-        runs = self._runs(agent, share, features, features[rows])
-        parts: dict[str, Episodes] = {}
-        if runs:
-            log_probs, values, _ = agent(*map(torch.cat, zip(*(run.inputs for run in runs), strict=True)))
-            sizes = [len(run.rows) for run in runs]
-            for run, own, seen in zip(runs, log_probs.split(sizes), values.split(sizes), strict=True):
-                actions, mask = batch.actions[run.rows], batch.mask[run.rows]
-                parts[run.part] = Episodes(
-                    run.rows, own, seen, self._tensor(actions), self._tensor(mask).float()
+        passes = self._passes(agent, share, features, features[rows])
+        passed: dict[str, Episodes] = {}
+        if passes:
+            log_probs, values, _ = agent(*map(torch.cat, zip(*(one.inputs for one in passes), strict=True)))
+            sizes = [len(one.rows) for one in passes]
+            for one, own, seen in zip(passes, log_probs.split(sizes), values.split(sizes), strict=True):
+                actions, mask = batch.actions[one.rows], batch.mask[one.rows]
+                passed[one.over] = Episodes(
+                    one.rows, own, seen, self._tensor(actions), self._tensor(mask).float()
                 )
         images = None if share.images is None else Images(image_features, share.images.labels)
         settings = (self._method, self._train, self._success_reward)
-        return Forward(agent, batch, parts.get("lived"), parts.get("relabelled"), images, *settings)
+        return Forward(agent, batch, passed.get("lived"), passed.get("relabelled"), images, *settings)
 
-    def _runs(self, agent: GoalAgent, share: Share, features: Tensor, sequences: Tensor) -> list[_Run]:
+    def _passes(self, agent: GoalAgent, share: Share, features: Tensor, sequences: Tensor) -> list[_Pass]:
         """What the LSTM has to run over, of features of each episode, shape [B, T, feature_dim]."""
         batch, hindsight = share.batch, share.hindsight
-        runs = []
-        if "lived" in self._parts:
+        passes = []
+        if "lived" in self._over:
             everything = np.arange(len(batch.lengths))
             goals = self.goals.instructed(agent, self._tensor(batch.goals), share.goals)
-            runs.append(_Run("lived", everything, (sequences, goals, self._tensor(batch.interactions))))
+            passes.append(_Pass("lived", everything, (sequences, goals, self._tensor(batch.interactions))))
         selected = np.flatnonzero(hindsight.selected)
         if len(selected):
             chosen = self._tensor(selected)
             goals = self.goals.hindsight(features[self._tensor(hindsight.goal_rows)[chosen]].detach())
             done = self._tensor(hindsight.interactions)[chosen]
-            runs.append(_Run("relabelled", selected, (sequences[chosen], goals, done)))
-        return runs
+            passes.append(_Pass("relabelled", selected, (sequences[chosen], goals, done)))
+        return passes
 
     def _evaluate(self, x: Forward) -> dict[str, Tensor]:
         """Every term of the method, unweighted; those on images as soon as there are any."""

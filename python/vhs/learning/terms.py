@@ -28,7 +28,7 @@ from vhs.losses import (
 )
 from vhs.models import DiscriminativeAgent, GoalAgent, to_device
 
-Part = Literal["lived", "relabelled", "images"]
+Over = Literal["lived", "relabelled", "images"]
 """What a term is over: episodes as they were lived, relabelled ones, goal images."""
 
 _Found = TypeVar("_Found")
@@ -122,7 +122,7 @@ class Term(NamedTuple):
 
     loss: Callable[[Forward], Tensor]
     """Unweighted, as it is logged; shape []."""
-    over: Part
+    over: Over
     """The part of the pass that it reads, which is there when `loss` is called. Without relabelled episodes
     the term is 0; without images there is none yet."""
     weight: str | float = 1.0
