@@ -44,7 +44,10 @@ def test_all_names_what_is_exported() -> None:
 def test_everything_compiled_is_exported() -> None:
     """All but the parts that the renderer and the pool are made of."""
     inner = {"RasterCanvas", "RasterScene", "RolloutLearner", "RolloutWorker"}
-    assert set(_core.__all__) - inner == set(vhs.__all__) - {"Outcome", "RasterRenderer", "Seen", "Task", "TaskSpec"} - LAZY
+    assert (
+        set(_core.__all__) - inner
+        == set(vhs.__all__) - {"Outcome", "RasterRenderer", "Seen", "Task", "TaskSpec"} - LAZY
+    )
 
 
 def test_importing_vhs_imports_numpy_alone() -> None:
