@@ -1,7 +1,7 @@
 """Runs small programs that show faults, a process each: ``python tests/run_cases.py DIRECTORY``.
 
-A program exits 0 where the fault is gone. One that imports names as version 0.1.0 had them runs as a copy that
-says their names of today.
+A program exits 0 where the fault is gone. One that imports names as version 0.1.0 had them runs as a copy
+that says their names of today.
 """
 
 from __future__ import annotations
