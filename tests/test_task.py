@@ -67,12 +67,6 @@ def test_what_does_not_fit_the_environment_is_refused(changes: dict[str, object]
         Task(**fields).spec()  # type: ignore[arg-type]
 
 
-def test_interactions_that_the_buffer_cannot_tell_apart_are_refused() -> None:
-    spec = Task(name="toy", make=Toy, max_steps=6, interactions={0: 0, 1: 1}).spec()
-    with pytest.raises(ArgumentError, match="expected the last of 5 actions in the order"):
-        make_buffer(spec, capacity_steps=60)
-
-
 def test_a_space_that_says_nothing_of_goals_needs_a_reader() -> None:
     task = Task(name="cart", make=lambda: gymnasium.make("CartPole-v1"))
     with pytest.raises(ArgumentError, match="`reader`: expected one for an observation space without"):
