@@ -2,20 +2,32 @@
 
 use std::io;
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd, RawFd};
+use std::path::PathBuf;
 use std::time::Duration;
+
+use vhs_core::error::{Error, Result};
 
 use crate::mapping::checked;
 
 /// A descriptor of a process, readable once it has ended.
 ///
 /// # Errors
-/// When no process has this number or the system refuses a descriptor.
-pub fn open_process(pid: i32) -> io::Result<OwnedFd> {
-    // SAFETY: the call takes plain numbers and gives a new descriptor, ours alone.
-    unsafe {
-        let number = libc::syscall(libc::SYS_pidfd_open, pid, 0);
-        let number = checked(libc::c_int::try_from(number).unwrap_or(-1))?;
-        Ok(OwnedFd::from_raw_fd(number))
+/// [`Error::Io`] when no process has this number or the system refuses a descriptor.
+pub fn open_process(pid: i32) -> Result<OwnedFd> {
+    // SAFETY: the call takes plain numbers.
+    let number = unsafe { libc::syscall(libc::SYS_pidfd_open, pid, 0) };
+    let number = checked(libc::c_int::try_from(number).unwrap_or(-1));
+    let number = number.map_err(|error| refused("open", pid, error))?;
+    // SAFETY: the descriptor is new, ours alone.
+    Ok(unsafe { OwnedFd::from_raw_fd(number) })
+}
+
+fn refused(call: &'static str, pid: i32, source: io::Error) -> Error {
+    let needs = "Linux 5.3 or newer, where no sandbox forbids pidfd_open";
+    Error::Io {
+        path: PathBuf::from(format!("pidfd of process {pid} ({needs})")),
+        call,
+        source,
     }
 }
 
@@ -62,7 +74,7 @@ pub(crate) struct Pin {
 }
 
 impl Pin {
-    /// Ties the thread to core `cpu`; `None` where it may not run there.
+    /// A tie to core `cpu`, still loose; `None` where the thread may not run there.
     pub(crate) fn new(cpu: usize) -> Option<Self> {
         // SAFETY: a set of cores is an array of bits, so zeros are one; the calls stay within its size, and `CPU_SET`
         // panics for a number beyond it.
@@ -75,13 +87,11 @@ impl Pin {
             }
             let mut home: libc::cpu_set_t = std::mem::zeroed();
             libc::CPU_SET(cpu, &mut home);
-            let mut pin = Self {
+            Some(Self {
                 home,
                 everywhere,
                 is_home: false,
-            };
-            pin.set(true);
-            Some(pin)
+            })
         }
     }
 
@@ -109,29 +119,28 @@ impl Pin {
 /// ask for it only where that thread lives as long as its process.
 ///
 /// # Errors
-/// When `parent` has ended already or the system refuses.
-pub fn end_with(parent: i32, by_signal: bool) -> io::Result<()> {
+/// [`Error::Io`] when `parent` has ended already or the system refuses.
+pub fn end_with(parent: i32, by_signal: bool) -> Result<()> {
     let process = open_process(parent)?;
     if by_signal {
         // SAFETY: plain numbers.
-        unsafe {
-            checked(libc::prctl(
-                libc::PR_SET_PDEATHSIG,
-                libc::SIGKILL as libc::c_ulong,
-            ))?;
-        }
+        let asked = unsafe { libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL as libc::c_ulong) };
+        checked(asked).map_err(|error| refused("end with", parent, error))?;
     }
     // Checked after both, so that a parent that ended between is not missed.
     // SAFETY: the call cannot fail.
     if unsafe { libc::getppid() } != parent {
-        return Err(io::Error::from_raw_os_error(libc::ESRCH));
+        let gone = io::Error::from_raw_os_error(libc::ESRCH);
+        return Err(refused("end with", parent, gone));
     }
-    std::thread::Builder::new()
+    let watcher = std::thread::Builder::new()
         .name("vhs-rollout-parent".into())
         .spawn(move || {
             while !poll_readable(&[process.as_raw_fd()], Duration::MAX)[0] {}
             // SAFETY: ends this process at once, without destructors: nobody is left to use what they would save.
             unsafe { libc::_exit(1) };
-        })
+        });
+    watcher
         .map(drop)
+        .map_err(|error| refused("wait for", parent, error))
 }
