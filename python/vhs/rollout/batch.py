@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vhs._core import RolloutLearner
 from vhs.rollout.leaves import Nest, view_rows
 
-CUT, QUARANTINED, BLOB = 1 << 4, 1 << 5, 1 << 7
+CUT, QUARANTINED, BLOB, OUTSIDE = 1 << 4, 1 << 5, 1 << 7, 1 << 9
 """Bits of a row's flags, as in `rust/vhs-rollout/src/flags.rs`."""
 
 _SCALARS = {
@@ -221,7 +221,7 @@ class Batch:
     def notable(self) -> list[tuple[int, int, int, int]]:
         """Rows with something to look at: row, environment, flags, length of the pickled part in bytes."""
         flags = self._column("flags")
-        rows = np.flatnonzero(flags & (CUT | QUARANTINED | BLOB))
+        rows = np.flatnonzero(flags & (CUT | QUARANTINED | BLOB | OUTSIDE))
         columns = (rows, self._column("env_ids")[rows], flags[rows], self._column("blob_bytes")[rows])
         return list(zip(*(column.tolist() for column in columns), strict=True))
 

@@ -23,7 +23,7 @@ from gymnasium import Space
 from numpy.typing import ArrayLike, NDArray
 
 from vhs._core import ArgumentError, LabelError, ProtocolError, RolloutLearner, VhsError
-from vhs.rollout.batch import BLOB, QUARANTINED, Batch, Blobs, Block, Blocks
+from vhs.rollout.batch import BLOB, OUTSIDE, QUARANTINED, Batch, Blobs, Block, Blocks
 from vhs.rollout.crew import Crew
 from vhs.rollout.errors import AnswerTimeoutError, PoolClosedError, WorkerError
 from vhs.rollout.inherited import Inherited
@@ -431,6 +431,9 @@ class RolloutPool:
         for row, env, flags, blob_bytes in batch.notable():
             if flags & BLOB:
                 batch.add(row, self._content(env, flags, blob_bytes))
+            if flags & OUTSIDE:
+                space = self.single_observation_space
+                _log.warning("environment %d: expected observations in %s, found one outside", env, space)
             if flags & QUARANTINED:
                 report = batch.infos[row]["quarantine"]
                 place = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import gymnasium
 import numpy as np
@@ -23,6 +23,7 @@ from vhs.rollout.worker import Autoreset
 
 Arrays = NDArray[Any]
 Step = tuple[Any, Arrays, Arrays, Arrays, dict[str, Any]]
+Answer = TypeVar("Answer")
 
 
 class RolloutVectorEnv(VectorEnv[Any, Any, Arrays]):
@@ -88,6 +89,8 @@ class RolloutVectorEnv(VectorEnv[Any, Any, Arrays]):
         self._observation: Any = None
         self._pending: str | None = None
         """The call that was made and not waited for."""
+        self._batch: Batch | None = None
+        """Its answers, if they were received before an interrupt came."""
         self._asked = np.arange(self.num_envs)
         """Environments of a pending `reset`."""
 
@@ -152,12 +155,13 @@ class RolloutVectorEnv(VectorEnv[Any, Any, Arrays]):
             NoAsyncCallError: no `reset` is pending.
             TimeoutError: not all answered within `timeout` seconds; wait again.
         """
-        batch = self._answers("reset", timeout)
+        return self._wait("reset", timeout, self._read_reset)
+
+    def _read_reset(self, batch: Batch) -> tuple[Any, dict[str, Any]]:
         infos: dict[str, Any] = {}
         for row, info in batch.infos.items():
             infos = self._add_info(infos, info, int(self._asked[row]))
         self._observation = batch.observation if len(batch) == self.num_envs else self._merged(batch)
-        self._pending = None
         return self._observation, infos
 
     def step(self, actions: Any) -> Step:
@@ -184,14 +188,15 @@ class RolloutVectorEnv(VectorEnv[Any, Any, Arrays]):
             NoAsyncCallError: no `step` is pending.
             TimeoutError: not all answered within `timeout` seconds; wait again.
         """
-        batch = self._answers("step", timeout)
+        return self._wait("step", timeout, self._read_step)
+
+    def _read_step(self, batch: Batch) -> Step:
         infos = self._infos(batch)
         truncated = batch.truncated
         if "cut" in infos:
             truncated = truncated | batch.is_cut
-        answer = self._observation = batch.observation
-        self._pending = None
-        return answer, batch.rewards, batch.terminated, truncated, infos
+        self._observation = batch.observation
+        return self._observation, batch.rewards, batch.terminated, truncated, infos
 
     def _expect_none_pending(self, call: str) -> None:
         if self._pending is not None:
@@ -210,24 +215,29 @@ class RolloutVectorEnv(VectorEnv[Any, Any, Arrays]):
                 self._pending = None
             raise
 
-    def _answers(self, call: str, timeout: float | None) -> Batch:
+    def _wait(self, call: str, timeout: float | None, read: Callable[[Batch], Answer]) -> Answer:
         if self._pending != call:
             raise NoAsyncCallError(f"Calling `{call}_wait` without any prior call to `{call}_async`.", call)
         try:
-            return self.pool.recv(timeout=timeout)
+            if self._batch is None:
+                self._batch = self.pool.recv(timeout=timeout)
+            answer = read(self._batch)
         except TimeoutError:
             raise
         except Exception:
-            # An environment raised: what the others answered belongs to no step that anybody can use.
-            self._pending = None
+            # What the other environments answered belongs to no step that anybody can use.
+            self._pending = self._batch = None
             self._drain()
             raise
+        self._pending = self._batch = None
+        return answer
 
     def _drain(self) -> None:
-        while not self.pool.closed and self.pool.num_under_way:
-            with contextlib.suppress(
-                Exception
-            ):  # the first one is raised, and the pool logs those it does not raise
+        """Take what the others answer, as long as they do."""
+        left = self.num_envs + 1
+        while not self.pool.closed and 0 < self.pool.num_under_way < left:
+            left = self.pool.num_under_way
+            with contextlib.suppress(Exception):  # the first one is raised already
                 self.pool.recv()
 
     def render(self) -> tuple[Any, ...]:

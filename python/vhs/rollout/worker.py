@@ -32,7 +32,9 @@ from vhs.rollout.leaves import Nest, as_mapping
 from vhs.rollout.parcels import UP, Parcels, frozen
 
 STEP, BEGIN, CALL = 0, 1, 2
-TERMINATED, TRUNCATED, FIRST, FINAL, CUT, QUARANTINED, FAILED, BLOB, CALLED = (1 << bit for bit in range(9))
+TERMINATED, TRUNCATED, FIRST, FINAL, CUT, QUARANTINED, FAILED, BLOB, CALLED, OUTSIDE = (
+    1 << bit for bit in range(10)
+)
 """Codes and bits, as in `rust/vhs-rollout/src/flags.rs`."""
 
 DUMP_SIGNAL = signal.SIGUSR2
@@ -124,6 +126,8 @@ class Env:
     step: int = 0
     looks: int = 0
     """Observations still to be looked at whether they are in their space."""
+    is_outside: bool = False
+    """One was not, and the learner has not been told."""
 
 
 RUNNING = State.RUNNING
@@ -225,6 +229,9 @@ class _Loop:
         except Exception as error:  # whatever a user's environment raises travels to the learner
             flags, reward, step = FAILED, 0.0, env.step
             blob = self._failure(env, code, error)
+        if env.is_outside:
+            flags |= OUTSIDE
+            env.is_outside = False
         if blob:
             env.blob[: len(blob)] = np.frombuffer(blob, np.uint8)
             flags |= BLOB
@@ -296,7 +303,7 @@ class _Loop:
         return dict(as_mapping(info)), loose
 
     def _look(self, env: Env, observation: Any) -> None:
-        """Say it where one of the first observations is outside its space; to look at all would take time."""
+        """Note it where one of the first observations is outside its space; to look at all takes time."""
         env.looks -= 1
         space = env.env.observation_space
         try:
@@ -306,8 +313,7 @@ class _Loop:
         except Exception:  # a space of one's own, whose values it cannot tell from others
             return
         if not is_inside:
-            env.looks = 0
-            _log.warning("environment %d: expected observations in %s, found one outside", env.number, space)
+            env.looks, env.is_outside = 0, True
 
     def _step(self, env: Env, next_seed: int | None, blob_bytes: int) -> Answer:
         action = self._told(env, blob_bytes) if blob_bytes else self._actions.read(env.action_views)
