@@ -1274,10 +1274,11 @@ class RolloutLearner:
         """
 
     def recv(
-        self, block: NDArray[np.uint8], ticket: int, wanted: int, limit_s: float
+        self, block: NDArray[np.uint8], ticket: int, wanted: int | None, limit_s: float
     ) -> tuple[int, int, int] | None:
         """Wait as `wait` and fill the block: rows, rows with a final observation, rows to look at.
 
+        None also where there are not so many under way; without a number, all that are.
         Once a ticket: called again with the same ticket and block, after an interrupt, it tells the same again.
         """
 

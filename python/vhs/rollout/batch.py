@@ -133,8 +133,8 @@ class Batch:
         self._finals = finals
         self._nest = nest
         self._infos: dict[int, dict[str, Any]] | None = None
-        self._loose: list[Sequence[Any]] = []
-        self._loose_finals: list[Sequence[Any]] = []
+        self._loose: Sequence[Sequence[Any]] = ()
+        self._loose_finals: Sequence[Sequence[Any]] = ()
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -229,9 +229,9 @@ class Batch:
         """Take what was pickled with an answer; in the order of the rows."""
         if self._nest.loose:
             content, loose, finals = content
-            self._loose.append(loose)
+            self._loose = [*self._loose, loose]
             if finals is not None:
-                self._loose_finals.append(finals)
+                self._loose_finals = [*self._loose_finals, finals]
         if content:
             self.infos[row] = content
 

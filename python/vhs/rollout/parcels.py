@@ -54,7 +54,8 @@ class Parcels:
             way: `DOWN` or `UP`.
         """
         self._file, self._room, self._way = file, room, way
-        self._in_file: dict[int, int] = {}
+        self.are_in_file: dict[int, int] = {}
+        """Sizes of what was packed last and lies in the file, by environment."""
 
     def pack(self, env: int, thing: Any) -> bytes:
         """At most `room` bytes that stand for a thing on its way to or from an environment.
@@ -70,7 +71,7 @@ class Parcels:
             raise ArgumentError(
                 f"expected infos, results and options of at most 4 GiB, got {len(packed)} bytes"
             )
-        self._in_file[env] = len(packed)
+        self.are_in_file[env] = len(packed)
         rest, place = memoryview(packed), _place(env, self._way)
         while rest:
             written = os.pwrite(self._file, rest, place)
@@ -87,7 +88,7 @@ class Parcels:
 
     def free(self, env: int) -> None:
         """Give back what memory in the file the last thing took that was packed for an environment."""
-        nbytes = self._in_file.pop(env, 0)
+        nbytes = self.are_in_file.pop(env, 0)
         if nbytes:
             with self._mapped(_place(env, self._way), nbytes) as memory:
                 memory.madvise(mmap.MADV_REMOVE)

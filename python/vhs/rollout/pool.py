@@ -230,7 +230,8 @@ class RolloutPool:
             ShapeError: actions of another shape.
             DtypeError: actions of another kind than the action space's.
         """
-        self._check_ready()
+        if self._closed or self._in_call or self._block is not None:
+            self._check_ready()
         ids = self._ids(env_ids)
         if not self._actions.loose:
             try:
@@ -238,7 +239,7 @@ class RolloutPool:
             except Unfit:
                 pass  # the environment is to judge it, as it does in gymnasium: it travels as it is
             else:
-                self._end.send(ids, rows, STEP, version, [])
+                self._end.send(ids, rows, STEP, version, ())
                 return
         items = self._actions.items(actions, len(ids))
         self._end.check_held(ids)
@@ -262,18 +263,18 @@ class RolloutPool:
             PoolClosedError: the pool was closed, perhaps by another thread during the call.
             Exception: what an environment raised, where `on_error` is "raise"; receive again for the others.
         """
-        self._check_open()
-        self._await_call()
-        under_way = self._end.under_way(self._ticket)
-        wanted = under_way if min_envs is None else min_envs
-        if not 0 < wanted <= under_way:
-            raise ProtocolError(
-                f"`recv`: expected 1 to as many environments as have a command, found {under_way} under way"
-            )
-        if self._block is None:
-            self._block = self._blocks.take()
-        rows, finals, notable = self._filled(self._block, wanted, timeout, is_lockstep=min_envs is None)
-        batch = Batch(self._block, rows, finals, self._observations)
+        if self._closed or self._in_call:
+            self._check_open()
+            self._await_call()
+        block = self._block
+        if block is None:
+            block = self._block = self._blocks.take()
+        # What lies ready already is worth no look around.
+        filled = self._end.recv(block.bytes, self._ticket, min_envs, SLICE_S if timeout is None else 0.0)
+        if filled is None:
+            filled = self._waited_for(block, min_envs, timeout)
+        rows, finals, notable = filled
+        batch = Batch(block, rows, finals, self._observations)
         if notable:
             self._see_to(batch)
         # Signals are looked after between calls, and there is none from here on: either both happen or
@@ -393,19 +394,24 @@ class RolloutPool:
         return f"RolloutPool({self.num_workers} workers x {self.envs_per_worker} environments, {state})"
 
     # -- waiting and repairing
-    def _filled(
-        self, block: Block, wanted: int, timeout: float | None, *, is_lockstep: bool
-    ) -> tuple[int, int, int]:
+    def _waited_for(self, block: Block, min_envs: int | None, timeout: float | None) -> tuple[int, int, int]:
         """Wait until a block is filled: rows, rows with a final observation, rows to look at."""
+        wanted = under_way = self.num_under_way
+        if min_envs is not None:
+            wanted = min_envs
+        if not 0 < wanted <= under_way:
+            raise ProtocolError(
+                f"`recv`: expected 1 to as many environments as have a command, found {under_way} under way"
+            )
         limit_s = math.inf if timeout is None else max(timeout, 0.0)
         if math.isnan(limit_s):
             raise ArgumentError(f"`timeout`: expected seconds or None, got {timeout}")
-        until = math.inf if timeout is None else time.monotonic() + limit_s
-        slice_s = min(SLICE_S, limit_s)
+        until = time.monotonic() + limit_s
+        slice_s = 0.0
         while (filled := self._end.recv(block.bytes, self._ticket, wanted, slice_s)) is None:
             self._check_open()
             self._see_to_news()
-            wanted = self._still_wanted(wanted, is_lockstep=is_lockstep)
+            wanted = self._still_wanted(wanted, is_lockstep=min_envs is None)
             slice_s = min(SLICE_S, until - time.monotonic())
             if slice_s <= 0.0:
                 # A death or a notice keeps back what lies ready: look once more now that it is seen to.

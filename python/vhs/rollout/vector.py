@@ -270,6 +270,7 @@ class RolloutVectorEnv(VectorEnv[Any, Any, Arrays]):
             gymnasium.logger.warn(
                 f"Calling `close` while waiting for a pending call to `{self._pending}` to complete."
             )
+            self._pending = self._batch = None
         self.pool.close(0.0 if terminate else timeout)
 
     def __enter__(self) -> Self:

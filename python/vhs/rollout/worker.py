@@ -126,8 +126,8 @@ class Env:
     step: int = 0
     looks: int = 0
     """Observations still to be looked at whether they are in their space."""
-    is_outside: bool = False
-    """One was not, and the learner has not been told."""
+    noted: int = 0
+    """Bits that the next answer with a first observation has."""
 
 
 RUNNING = State.RUNNING
@@ -170,6 +170,7 @@ class _Loop:
         self._setup, self._common = setup, setup.common
         self._rolls = setup.common.autoreset is Autoreset.SAME_STEP
         self._observations = Nest(setup.common.observation_space, "observation")
+        self._is_any_loose = bool(self._observations.loose)
         self._actions = Nest(setup.common.action_space, "action")
         self._end = RolloutWorker(
             setup.common.memory.number, setup.common.sizes, setup.worker, setup.common.deadline_s, setup.cpu
@@ -221,7 +222,6 @@ class _Loop:
 
     def _answer(self, env: Env, code: int, version: int, next_seed: int | None, blob_bytes: int) -> None:
         blob = b""
-        self._parcels.free(env.number)
         try:
             flags, reward, step, content = self._do(env, code, next_seed, blob_bytes)
             if content:
@@ -229,9 +229,6 @@ class _Loop:
         except Exception as error:  # whatever a user's environment raises travels to the learner
             flags, reward, step = FAILED, 0.0, env.step
             blob = self._failure(env, code, error)
-        if env.is_outside:
-            flags |= OUTSIDE
-            env.is_outside = False
         if blob:
             env.blob[: len(blob)] = np.frombuffer(blob, np.uint8)
             flags |= BLOB
@@ -248,7 +245,7 @@ class _Loop:
             )
         options = self._told(env, blob_bytes) if code == BEGIN and blob_bytes else None
         info, loose = self._begin(env, next_seed, options)
-        return FIRST, 0.0, 0, self._content(info, loose)
+        return FIRST | env.noted, 0.0, 0, self._content(info, loose)
 
     def _told(self, env: Env, blob_bytes: int) -> Any:
         """What came pickled with a command."""
@@ -256,7 +253,7 @@ class _Loop:
 
     def _content(self, info: Any, loose: Sequence[Any], final: Any = None) -> Any:
         """What is pickled of an answer: the info, and the parts of observations that are no arrays."""
-        return (info, loose, final) if self._observations.loose else info
+        return (info, loose, final) if self._is_any_loose else info
 
     def _make(self, env: Env) -> None:
         self._end.allow(self._common.start_limit_s)
@@ -294,26 +291,25 @@ class _Loop:
             self._make(env)
         observation, info = env.env.reset(seed=seed, options=options)
         loose = self._observations.write(env.observation_views, observation)
-        if env.looks:
-            self._look(env, observation)
+        env.noted = self._look(env, observation) if env.looks else 0
         where = self._find_nan(env.observation_views)
         if where is not None:
             raise ValueError(f"reset: expected numbers, found NaN in {where}")
         env.state = State.RUNNING
         return dict(as_mapping(info)), loose
 
-    def _look(self, env: Env, observation: Any) -> None:
-        """Note it where one of the first observations is outside its space; to look at all takes time."""
+    def _look(self, env: Env, observation: Any) -> int:
+        """The bit that one of the first observations is outside its space; to look at all takes time."""
         env.looks -= 1
-        space = env.env.observation_space
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # a number where an array of one is meant
-                is_inside = space.contains(observation)
+                if env.env.observation_space.contains(observation):
+                    return 0
         except Exception:  # a space of one's own, whose values it cannot tell from others
-            return
-        if not is_inside:
-            env.looks, env.is_outside = 0, True
+            return 0
+        env.looks = 0
+        return OUTSIDE
 
     def _step(self, env: Env, next_seed: int | None, blob_bytes: int) -> Answer:
         action = self._told(env, blob_bytes) if blob_bytes else self._actions.read(env.action_views)
@@ -321,11 +317,12 @@ class _Loop:
         observation, reward, terminated, truncated, info = env.env.step(action)
         reward = float(reward)
         flags = (TERMINATED if terminated else 0) | (TRUNCATED if truncated else 0)
-        is_rolled = flags and self._rolls
+        has_ended = flags != 0
+        is_rolled = has_ended and self._rolls
         views = env.final_views if is_rolled else env.observation_views
         loose = self._observations.write(views, observation)
         if env.looks:
-            self._look(env, observation)
+            flags |= self._look(env, observation)
         # NaN is the one number that differs from itself.
         where = "the reward" if reward != reward else None
         if where is None and self._observations.floats:
@@ -333,20 +330,25 @@ class _Loop:
         if where is not None:
             return self._quarantine(env, where, next_seed)
         if not is_rolled:
-            if flags:
+            if has_ended:
                 env.state = State.ENDED
-            return flags, reward, env.step, self._content(info, loose)
+            return flags, reward, env.step, self._content(info, loose) if self._is_any_loose else info
         step = env.step
         final_info, final_loose = frozen(dict(as_mapping(info))), frozen(loose) if loose else None
         first_info, loose = self._begin(env, next_seed, None)
         infos = {"final_info": final_info, **first_info}
-        return flags | FINAL | FIRST, reward, step, self._content(infos, loose, final_loose)
+        return flags | env.noted | FINAL | FIRST, reward, step, self._content(infos, loose, final_loose)
 
     def _quarantine(self, env: Env, where: str, next_seed: int | None) -> Answer:
         """Drop the episode that showed a NaN and begin the next."""
         report = {"where": where, "seed": env.seed, "step": env.step}
         info, loose = self._begin(env, next_seed, None)
-        return FIRST | CUT | QUARANTINED, 0.0, 0, self._content({"quarantine": report, **info}, loose)
+        return (
+            FIRST | env.noted | CUT | QUARANTINED,
+            0.0,
+            0,
+            self._content({"quarantine": report, **info}, loose),
+        )
 
     def _call(self, env: Env, blob_bytes: int) -> Answer:
         name, arguments, keywords = self._told(env, blob_bytes)

@@ -67,8 +67,8 @@ fn rows_of<'a>(part: &'a ActionPart<'_>) -> PyResult<Rows<'a>> {
     if !array.is_c_contiguous() {
         return Err(layout("actions", "a C-contiguous array", "one with gaps"));
     }
-    // SAFETY: a contiguous array has so many bytes behind its pointer. They are read while the interpreter is held, so
-    // no Python code changes or frees them meanwhile.
+    // SAFETY: a contiguous array has so many bytes behind its pointer. They are read while the interpreter is held, whose
+    // lock the module asks for on every build of Python, so no Python code changes or frees them meanwhile.
     let bytes = unsafe {
         let data = (*array.as_array_ptr()).fields.data.cast::<u8>();
         std::slice::from_raw_parts(data, array.len() * array.dtype().itemsize())
@@ -102,17 +102,18 @@ pub(crate) struct RolloutLearner {
     watch: Mutex<Option<Watch>>,
     mapping: Arc<Mapping>,
     block_bytes: usize,
-    /// The process that made it: a fork shares the memory, and both would drive the same workers.
+    /// The process that made it, by number and by its forks: a fork shares the memory, and would drive the same workers.
     owner: u32,
+    forks: u32,
 }
 
 impl RolloutLearner {
     /// Refuses a forked copy. Asked before any lock, which another thread may have held when the process was forked.
     fn check_process(&self) -> PyResult<()> {
-        let here = std::process::id();
-        if here == self.owner {
+        if process::forks() == self.forks {
             return Ok(());
         }
+        let here = std::process::id();
         Err(to_py(Error::Argument {
             field: "pool",
             expected: format!(
@@ -165,6 +166,7 @@ impl RolloutLearner {
         let watch = checked(Watch::start(Arc::clone(&mapping), limit, dump_signal))?;
         Ok(Self {
             owner: std::process::id(),
+            forks: process::forks(),
             block_bytes: pool.batch().total,
             pool: Mutex::new(pool),
             watch: Mutex::new(Some(watch)),
@@ -270,9 +272,11 @@ impl RolloutLearner {
         py: Python<'_>,
         block: &Bound<'_, PyAny>,
         ticket: u64,
-        wanted: usize,
+        wanted: Option<usize>,
         limit_s: f64,
     ) -> PyResult<Option<(usize, usize, usize)>> {
+        // First of all: in a fork, the parent's other thread may have been about to fill the block.
+        self.check_process()?;
         let mut block = exclusive::<u8>(block, &[self.block_bytes])?;
         let (bytes, limit) = (block.as_slice_mut()?, duration(limit_s));
         let filled = self.pool(py, |pool| pool.receive(bytes, ticket, wanted, limit))?;

@@ -68,6 +68,8 @@ pub(crate) struct Header {
     pub(crate) shape: [AtomicU64; 5],
     /// Not 0 once the memory has a learner.
     pub(crate) claimed: AtomicU32,
+    /// Not 0 where commands have a limit, so that clocks are needed.
+    pub(crate) has_limit: AtomicU32,
     /// Not 0 once the pool is closing: workers leave.
     pub(crate) closing: Line<AtomicU32>,
     /// Not 0 while the supervisor has news: the learner stops waiting.

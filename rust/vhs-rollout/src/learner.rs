@@ -116,7 +116,8 @@ impl Learner {
         asked.map_err(|found| refused("send", env, State::Held, found))?;
         let worker = self.mapping.layout().worker_of(env);
         let (line, post) = (&mut self.workers[worker], self.mapping.post(worker));
-        if !line.unstruck {
+        let has_limit = self.mapping.header().has_limit.load(Ordering::Relaxed) != 0;
+        if has_limit && !line.unstruck {
             // Before the push, whose Release shows it to the supervisor: no command is older than its time.
             post.asked_ns.store(monotonic_ns(), Ordering::Relaxed);
         }

@@ -201,7 +201,8 @@ impl Pool {
     }
 
     /// Waits and fills, once a ticket: a caller that did not get to see the result, because a signal came between, calls
-    /// again with the ticket and the block of that call and is told again. `None` as for [`Waited::Paused`].
+    /// again with the ticket and the block of that call and is told again. Without a number it waits for all that are under
+    /// way. `None` as for [`Waited::Paused`], and at once where so many are not under way.
     ///
     /// # Errors
     /// As [`Pool::fill`].
@@ -209,11 +210,15 @@ impl Pool {
         &mut self,
         block: &mut [u8],
         ticket: u64,
-        wanted: usize,
+        wanted: Option<usize>,
         limit: Duration,
     ) -> Result<Option<Filled>> {
         if let Some(filled) = self.filled_for(ticket) {
             return Ok(Some(filled));
+        }
+        let wanted = wanted.unwrap_or(self.under_way);
+        if !(1..=self.under_way).contains(&wanted) {
+            return Ok(None);
         }
         if self.wait(wanted, limit) != Waited::Ready {
             return Ok(None);

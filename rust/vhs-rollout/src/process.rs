@@ -3,11 +3,13 @@
 use std::io;
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd, RawFd};
 use std::path::PathBuf;
+use std::sync::Once;
 use std::time::Duration;
 
 use vhs_core::error::{Error, Result};
 
 use crate::mapping::checked;
+use crate::sync::{AtomicU32, Ordering};
 
 /// A descriptor of a process, readable once it has ended.
 ///
@@ -29,6 +31,25 @@ fn refused(call: &'static str, pid: i32, source: io::Error) -> Error {
         call,
         source,
     }
+}
+
+/// How many forks lie between this process and the one that asked first: another number in every fork, for the price of
+/// a load where a process's number costs a system call. What is owned by one process remembers it.
+#[must_use]
+pub fn forks() -> u32 {
+    static FORKS: AtomicU32 = AtomicU32::new(0);
+    static ASKED: Once = Once::new();
+    extern "C" fn count() {
+        FORKS.fetch_add(1, Ordering::Relaxed);
+    }
+    ASKED.call_once(|| {
+        // SAFETY: the handler stays loaded as long as the process; it runs in a child, where it may do nothing but what a
+        // signal handler may, such as to add to an atomic. A refusal, for want of memory, would only cost the warning.
+        unsafe {
+            libc::pthread_atfork(None, None, Some(count));
+        }
+    });
+    FORKS.load(Ordering::Relaxed)
 }
 
 /// Sends a signal; a process that has ended meanwhile needs none.

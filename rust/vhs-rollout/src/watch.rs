@@ -86,6 +86,11 @@ impl Watch {
             OwnedFd::from_raw_fd(checked(libc::eventfd(0, flags)).map_err(refused)?)
         };
         let nudge = Arc::new(nudge);
+        let has_limit = u32::from(limit.is_some());
+        mapping
+            .header()
+            .has_limit
+            .store(has_limit, Ordering::Relaxed);
         let listener = Listener {
             ledger: Arc::clone(&ledger),
             nudge: Arc::clone(&nudge),

@@ -62,7 +62,7 @@ impl Worker {
         }
         let post = mapping.post(worker);
         let epoch = Epoch::new(post.epoch.0.load(Ordering::Acquire));
-        rest(post);
+        rest(post, limit.is_some());
         Ok(Self {
             first_env: worker * shape.envs_per_worker,
             mapping,
@@ -144,7 +144,7 @@ impl Worker {
         let post = mapping.post(self.number);
         let done = mapping.slot(env).commit(self.epoch, answer);
         done.map_err(|found| refused("commit", env, State::Stepping, found))?;
-        rest(post);
+        rest(post, self.limit.is_some());
         let is_pushed = self.answers.push(&post.answers, index(env));
         debug_assert!(is_pushed, "at most one answer an environment is under way");
         mapping.header().bell.strike();
@@ -195,8 +195,10 @@ impl Worker {
 }
 
 /// The worker is done with what it did: its clock stops, and the one of the command that it is to take next starts.
-fn rest(post: &Post) {
-    post.done_ns.store(monotonic_ns(), Ordering::Relaxed);
+fn rest(post: &Post, has_limit: bool) {
+    if has_limit {
+        post.done_ns.store(monotonic_ns(), Ordering::Relaxed);
+    }
     // Release: who sees the zero sees since when.
     post.deadline_ns.store(0, Ordering::Release);
 }

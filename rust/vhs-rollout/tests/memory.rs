@@ -282,17 +282,15 @@ fn a_batch_is_told_again_until_the_next_ticket() {
     let mut worker = Worker::new(Arc::clone(pool.mapping()), 0, None).unwrap();
     pool.send(&[0, 1], &[], BEGIN, 0, &[]).unwrap();
     answer(&mut worker, FIRST);
-    let filled = pool.receive(&mut block, 7, 2, Duration::ZERO).unwrap();
+    let filled = pool
+        .receive(&mut block, 7, Some(2), Duration::ZERO)
+        .unwrap();
     assert_eq!(filled.map(|filled| filled.rows), Some(2));
     assert_eq!((pool.under_way(7), pool.under_way(8)), (2, 0));
     let kept = block.clone();
-    assert_eq!(
-        pool.receive(&mut block, 7, 2, Duration::ZERO).unwrap(),
-        filled
-    );
+    let now = Duration::ZERO;
+    assert_eq!(pool.receive(&mut block, 7, None, now).unwrap(), filled);
     assert_eq!(block, kept);
-    assert_eq!(
-        pool.receive(&mut block, 8, 1, Duration::ZERO).unwrap(),
-        None
-    );
+    assert_eq!(pool.receive(&mut block, 8, None, now).unwrap(), None);
+    assert_eq!(pool.receive(&mut block, 8, Some(1), now).unwrap(), None);
 }
