@@ -1207,7 +1207,10 @@ class RasterCanvas:
 
 @final
 class RolloutLearner:
-    """The learner's end of a pool."""
+    """The learner's end of a pool.
+
+    Every call of a forked copy is refused with an `ArgumentError`: it would drive its parent's workers.
+    """
 
     def __new__(
         cls,
@@ -1242,12 +1245,25 @@ class RolloutLearner:
         actions: Sequence[tuple[int, int, NDArray[Any]]],
         code: int,
         version: int,
-        blob: bytes,
+        blobs: Sequence[bytes],
     ) -> None:
         """Give a command to each environment.
 
-        `actions` are offset and size of a row, and the rows, contiguous.
+        `actions` are offset and size of a row, and the rows, contiguous. There is a blob for each environment, one
+        for all, or none.
         """
+
+    def check_held(self, env_ids: ArrayLike) -> None:
+        """Refuse environments that do not exist, are named twice or have a command under way."""
+
+    def under_way(self, ticket: int) -> int:
+        """Commands whose answers have not been received; what was filled for `ticket` counts as not received."""
+
+    def is_filled(self, ticket: int) -> bool:
+        """Whether `recv` has filled a block for this ticket."""
+
+    def has_news(self) -> bool:
+        """Whether a death or a notice waits to be seen to."""
 
     def wait(self, wanted: int, limit_s: float) -> bool:
         """Whether so many answers lie ready.
@@ -1255,13 +1271,19 @@ class RolloutLearner:
         False after `limit_s`, or when a death or a notice wants attention.
         """
 
-    def recv(self, block: NDArray[np.uint8], wanted: int, limit_s: float) -> tuple[int, int, int] | None:
-        """Wait as `wait` and fill the block: rows, rows with a final observation, rows to look at."""
+    def recv(
+        self, block: NDArray[np.uint8], ticket: int, wanted: int | None, limit_s: float
+    ) -> tuple[int, int, int] | None:
+        """Wait as `wait` and fill the block: rows, rows with a final observation, rows to look at.
+
+        None also where there are not so many under way; without a number, all that are.
+        Once a ticket: called again with the same ticket and block, after an interrupt, it tells the same again.
+        """
 
     def seed_next(self, env_ids: ArrayLike, seeds: Sequence[int | None]) -> None: ...
     def reseed(self, seed: int | None) -> None: ...
     def expect_start(self, worker: int, limit_s: float) -> None: ...
-    def watch(self, worker: int, pid: int) -> None:
+    def listen_to(self, worker: int, pid: int) -> None:
         """Listen to the process that now is this worker."""
 
     def take_deaths(self) -> list[tuple[int, bool]]:
@@ -1270,15 +1292,21 @@ class RolloutLearner:
     def take_notices(self) -> list[tuple[int, int, int]]:
         """Environments that failed or answered a call: environment, flags, length of the pickled part."""
 
-    def reclaim(self, worker: int) -> tuple[list[int], bool]:
-        """Take a dead worker's slots: which environments must be asked anew, and whether it ever answered."""
+    def reclaim(self, worker: int, again: bool) -> tuple[list[int], bool]:
+        """Take a dead worker's slots: whose commands or answers are lost, and whether it ever answered.
+
+        The lost are asked to begin an episode where `again`, and have no command under way otherwise.
+        """
 
     @property
     def stats(self) -> tuple[int, int, int, int, int]:
         """Steps, episodes, cut episodes, quarantined episodes, restarts."""
 
     def close(self) -> None:
-        """Tell the workers to leave and stop listening."""
+        """Tell the workers to leave and stop listening; a `recv` of another thread ends with None."""
+
+    def free(self) -> None:
+        """Give back the shared memory of payloads and blobs, once the workers are gone."""
 
 @final
 class RolloutWorker:
@@ -1292,7 +1320,7 @@ class RolloutWorker:
         deadline_s: float | None,
         cpu: int | None,
     ) -> RolloutWorker:
-        """Take up the post of a worker, on a core of its own if one is given."""
+        """Take up the post of a worker, before long on a core of its own if one is given."""
 
     @property
     def offsets(self) -> list[int]: ...
@@ -1305,6 +1333,9 @@ class RolloutWorker:
 
         The environment is -1 when nothing came within `limit_s` and -2 when the pool closes.
         """
+
+    def untie(self) -> None:
+        """Let this thread run anywhere for a while: what it starts now inherits where it may run."""
 
     def allow(self, extra_s: float) -> None:
         """Give the command under way so much time from now."""

@@ -33,7 +33,10 @@ mod rollout;
 mod transitions;
 
 /// The compiled half of the Python package `vhs`.
-#[pyo3::pymodule]
+///
+/// It asks for the interpreter's lock, also on free-threaded builds: arrays are read where they lie, and only the lock
+/// keeps other threads from writing into them meanwhile.
+#[pyo3::pymodule(gil_used = true)]
 mod _core {
     #[pymodule_export]
     use crate::batch::{EpisodeBatch, Hindsight};
