@@ -1,10 +1,10 @@
 //! Light on one vertex: OpenGL's fixed-function model (specification 4.6 compatibility profile, section 12.2.1)
 //! with a local viewer, one-sided, highlights added before the texture, as MuJoCo sets it up.
 
+use crate::camera::Projection;
 use crate::math::{V3, add, dot, normalize, pow_unit, scale, sub, times};
-use crate::prepare::Scene;
 use crate::scene::{Light, LightKind, Surface};
-use crate::view::{LightPose, Projection, View, light_at_camera};
+use crate::view::View;
 
 /// OpenGL's fixed pipeline knows this many lights.
 const MOST_LIGHTS: usize = 8;
@@ -16,7 +16,6 @@ const DARK_AMBIENT: f32 = 0.3;
 #[derive(Debug, Clone, Copy)]
 struct Lamp {
     light: Light,
-    position: V3,
     /// Direction of its rays, of length 1.
     direction: V3,
     /// Cosine of the half angle of its cone; below -1 when it shines all around.
@@ -38,18 +37,15 @@ pub(crate) struct Lamps {
 
 impl Lamps {
     /// Collects the lights of `view`, reusing memory.
-    pub(crate) fn update(&mut self, scene: &Scene, view: &View, projection: &Projection) {
+    pub(crate) fn update(&mut self, view: &View, projection: &Projection) {
         self.eye = view.eye();
         self.lit.clear();
-        for (light, pose) in scene.spec.lights.iter().zip(&view.lights) {
-            if pose.is_on && self.lit.len() < MOST_LIGHTS {
-                let pose = if light.is_headlight {
-                    light_at_camera(self.eye, projection.forward)
-                } else {
-                    *pose
-                };
-                self.lit.push(Lamp::new(*light, pose));
+        for light in view.lights.iter().take(MOST_LIGHTS) {
+            let mut light = *light;
+            if light.is_headlight {
+                (light.position, light.direction) = (self.eye, normalize(projection.forward));
             }
+            self.lit.push(Lamp::new(light));
         }
         self.ambient = if self.lit.is_empty() {
             DARK_AMBIENT
@@ -81,15 +77,14 @@ impl Lamps {
 }
 
 impl Lamp {
-    fn new(light: Light, pose: LightPose) -> Self {
+    fn new(light: Light) -> Self {
         let cos_cutoff = match light.kind {
             LightKind::Spot { cutoff, .. } if cutoff < 180.0 => cosine_of_degrees(cutoff),
             _ => -2.0,
         };
         Self {
+            direction: normalize(light.direction),
             light,
-            position: pose.position,
-            direction: normalize(pose.direction),
             cos_cutoff,
         }
     }
@@ -125,7 +120,7 @@ impl Lamp {
         else {
             return (scale(self.direction, -1.0), 1.0);
         };
-        let way = sub(self.position, position);
+        let way = sub(self.light.position, position);
         let distance = dot(way, way).sqrt();
         let to_light = normalize(way);
         let along = -dot(to_light, self.direction);

@@ -1,0 +1,101 @@
+"""The lists of an abstract scene (`mujoco.MjvScene`) as arrays of bytes.
+
+MuJoCo's Python package gives each geom and light of a scene as an object; reading a hundred of them takes
+longer than drawing them. Their memory is one C array, though. Where it starts and how far its records are
+apart is what numpy says of a field with several numbers; where the other fields lie is found by writing to a
+record and looking. So nothing here depends on a version of MuJoCo, only on integers being little-endian.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from vhs._core import UnsupportedError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+GEOM_FIELDS = (
+    "type", "dataid", "objtype", "objid", "category", "matid", "segid", "size", "pos", "mat", "rgba",
+    "emission", "specular", "shininess", "reflectance", "label", "texid", "texuniform", "texrepeat",
+    "castshadow",
+)  # fmt: skip
+"""Fields of a geom in the order in which `RasterSource` takes their places."""
+
+LIGHT_FIELDS = (
+    "pos", "dir", "type", "attenuation", "cutoff", "exponent", "ambient", "diffuse", "specular", "headlight",
+    "castshadow",
+)  # fmt: skip
+"""Fields of a light likewise."""
+
+_FLOAT = float(np.frombuffer(b"\x8f\x8f\x8f\x3f", np.float32)[0])
+"""A number of which no byte is 0."""
+
+
+class _Memory:
+    """Memory that numpy may look at; keeps its owner alive."""
+
+    def __init__(self, owner: Any, address: int, shape: tuple[int, int]) -> None:
+        self._owner = owner
+        self.__array_interface__ = {
+            "version": 3,
+            "typestr": "|u1",
+            "shape": shape,
+            "data": (address, False),
+        }
+
+
+def records_of(entries: Sequence[Any], fields: Sequence[str]) -> tuple[NDArray[np.uint8], list[int | None]]:
+    """Bytes and places of fields of a list in a scene.
+
+    Args:
+        entries: The list, `scene.geoms` or `scene.lights`, of at least three; the contents of the second one
+            are lost.
+        fields: Names of fields.
+
+    Returns:
+        The list's memory, uint8 [n, bytes], and for each field its first byte in a record, or None where this
+        MuJoCo has no such field.
+
+    Raises:
+        UnsupportedError: The list's memory is not one array.
+    """
+    addresses = [_address(entry.pos) for entry in (entries[0], entries[1], entries[-1])]
+    stride = addresses[1] - addresses[0]
+    if not 0 < stride < 4096 or addresses[2] - addresses[0] != stride * (len(entries) - 1):
+        raise UnsupportedError("scene of this MuJoCo: expected its lists one record after the other")
+    # The record around the second entry's position lies within the first three entries.
+    around = np.asarray(_Memory(entries, addresses[1] - stride, (1, 2 * stride)))[0]
+    found = {
+        name: _place(entries[1], name, around, addresses[1] - stride) for name in (*fields, "type", "id")
+    }
+    start = min(place for place in found.values() if place is not None)
+    places = [None if found[name] is None else found[name] - start for name in fields]  # type: ignore[operator]
+    memory = _Memory(entries, addresses[0] - stride + start, (len(entries), stride))
+    return np.asarray(memory), places
+
+
+def _address(array: NDArray[Any]) -> int:
+    return int(array.__array_interface__["data"][0])
+
+
+def _place(entry: Any, name: str, around: NDArray[np.uint8], start: int) -> int | None:
+    """First byte of a field within the memory around its record; None where there is no such field."""
+    if not hasattr(type(entry), name):
+        return None
+    # The memory is as it was found: text in it may be none, so it is not read.
+    value = "" if name == "label" else getattr(entry, name)
+    if isinstance(value, np.ndarray):
+        return _address(value) - start
+    quiet, loud = {str: ("", "x"), float: (0.0, _FLOAT)}.get(type(value), (0, 1))
+    setattr(entry, name, quiet)
+    before = around.copy()
+    setattr(entry, name, loud)
+    changed = np.flatnonzero(before != around)
+    if not len(changed):
+        raise UnsupportedError(f"scene of this MuJoCo: found no place for {name} in its records")
+    return int(changed[0])
