@@ -118,7 +118,7 @@ def new_source(kind: int = 2) -> RasterSource:
     flags[10] = 1  # cull faces
     return RasterSource(
         geoms=np.array([[kind]], np.int32).view(np.uint8), geom_places=[0, *[None] * 19],
-        lights=np.zeros((0, 4), np.uint8), light_places=[None] * 11, flags=flags, geom_size=np.zeros((1, 3)),
+        lights=np.zeros((0, 4), np.uint8), light_places=[None] * 12, flags=flags, geom_size=np.zeros((1, 3)),
         mat_texid=np.zeros((0, 10), np.int32), mat_texuniform=np.zeros(0, np.uint8),
         mat_texrepeat=np.zeros((0, 2), np.float32), textures=[], meshes=[], line_width=1.0,
     )  # fmt: skip

@@ -51,7 +51,10 @@ def _add_texture(scene: RasterScene, model: Any, index: int) -> int | None:
     if channels not in (3, 4):
         return None
     data = model.tex_data[start : start + np.prod(shape)].reshape(shape)
-    if model.tex_colorspace[index] == _COLOURSPACE_SRGB and model.tex_type[index] == _TEXTURE_2D:
+    # MuJoCo 3.3.0 knows no colour spaces.
+    spaces = getattr(model, "tex_colorspace", None)
+    is_srgb = spaces is not None and spaces[index] == _COLOURSPACE_SRGB
+    if is_srgb and model.tex_type[index] == _TEXTURE_2D:
         # OpenGL decodes such textures when they are read and writes the result as it is.
         level = np.arange(256) / 255
         linear = np.where(level <= 0.04045, level / 12.92, ((level + 0.055) / 1.055) ** 2.4)

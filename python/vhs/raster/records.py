@@ -28,7 +28,7 @@ GEOM_FIELDS = (
 
 LIGHT_FIELDS = (
     "pos", "dir", "type", "attenuation", "cutoff", "exponent", "ambient", "diffuse", "specular", "headlight",
-    "castshadow",
+    "castshadow", "directional",
 )  # fmt: skip
 """Fields of a light likewise."""
 

@@ -39,7 +39,7 @@ enum G {
     Shininess,
     Reflectance,
     Label,
-    // Since MuJoCo 3.12 and 4.0; absent before.
+    // Newer than MuJoCo 3.3; absent before.
     TexId,
     TexUniform,
     TexRepeat,
@@ -64,10 +64,12 @@ enum L {
     Specular,
     Headlight,
     CastShadow,
+    // Instead of the type before MuJoCo 3.3.3.
+    Directional,
 }
 
 /// Number of fields of a light that are read.
-pub(crate) const LIGHT_FIELDS: usize = L::CastShadow as usize + 1;
+pub(crate) const LIGHT_FIELDS: usize = L::Directional as usize + 1;
 
 /// One record.
 struct Record<'a, const N: usize> {
@@ -403,7 +405,9 @@ pub(crate) fn read_lights(
 ) {
     for bytes in records.chunks_exact(stride) {
         let record = Record { bytes, places };
+        let is_parallel = record.flag(L::Directional as usize, false);
         let kind = match record.int(L::Type as usize) {
+            _ if is_parallel => LightKind::Directional,
             LIGHT_DIRECTIONAL => LightKind::Directional,
             LIGHT_SPOT => LightKind::Spot {
                 attenuation: record.floats(L::Attenuation as usize),

@@ -158,7 +158,8 @@ impl RasterSource {
             ),
             (
                 "faces seen from behind (mjRND_CULL_FACE off)",
-                !is_on(FLAG_CULL_FACE),
+                // Older versions of MuJoCo lack this flag and never draw them.
+                flags.len() > FLAG_CULL_FACE && !is_on(FLAG_CULL_FACE),
             ),
         ];
         if let Some((what, _)) = refused.into_iter().find(|(_, is_wanted)| *is_wanted) {
