@@ -1233,6 +1233,21 @@ class RasterCanvas:
     def draw_tags(self, out: NDArray[np.int32]) -> None:
         """Draw object number and type into int32 [height, width, 2]; -1 is background."""
 
+    def keep(self) -> None:
+        """Keep what `update` and `take` have read, to be drawn together with others."""
+
+    def forget(self) -> None:
+        """Forget what was kept."""
+
+    def draw_kept(self, out: NDArray[np.uint8], is_planar: bool, threads: int) -> None:
+        """Draw all that was kept on some threads, as `draw` does, one picture after the other into `out`."""
+
+    def draw_kept_depth(self, out: NDArray[np.float32], threads: int) -> None:
+        """As `draw_kept`, for distances."""
+
+    def draw_kept_tags(self, out: NDArray[np.int32], threads: int) -> None:
+        """As `draw_kept`, for segmentation."""
+
     @staticmethod
     def orbit(
         look_at: Sequence[float], distance: float, azimuth: float, elevation: float

@@ -90,14 +90,45 @@ def test_the_same_state_gives_the_same_bytes(model: mujoco.MjModel, data: mujoco
     assert all(np.array_equal(other, expected) for other in pictures)
 
 
-def test_a_batch_equals_its_single_pictures(model: mujoco.MjModel, renderer: RasterRenderer) -> None:
-    rng, datas = np.random.default_rng(2), [mujoco.MjData(model) for _ in range(3)]
+@pytest.mark.parametrize("mode", ["colour", "depth", "segmentation"])
+@pytest.mark.parametrize("threads", [1, 3])
+def test_a_batch_equals_its_single_pictures(model: mujoco.MjModel, mode: str, threads: int) -> None:
+    rng, datas = np.random.default_rng(2), [mujoco.MjData(model) for _ in range(40)]
     for data in datas:
         scatter(model, data, rng, 0.1)
-    batch = renderer.render_batch(datas, "fixed")
-    assert batch.shape == (3, 40, 56, 3)
-    for data, one in zip(datas, batch, strict=True):
-        assert np.array_equal(picture(renderer, data), one)
+    renderer, free = RasterRenderer(model, 20, 28), mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, free)
+    if mode != "colour":
+        getattr(renderer, f"enable_{mode}_rendering")()
+    cameras = ["fixed", "lens", free]
+    batch = renderer.render_batch(datas, cameras, threads=threads)
+    one = picture(renderer, datas[0], "fixed")
+    assert (batch.shape, batch.dtype) == ((40, 3, *one.shape), one.dtype)
+    for data, row in zip(datas, batch, strict=True):
+        for camera, found in zip(cameras, row, strict=True):
+            assert np.array_equal(picture(renderer, data, camera), found)
+    assert np.array_equal(renderer.render_batch(datas, "lens", threads=threads), batch[:, 1])
+
+
+def test_a_batch_goes_into_any_array_of_its_shape(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    renderer = RasterRenderer(model, 20, 28)
+    expected = renderer.render_batch([data, data], ["fixed"])
+    for out in (np.zeros((2, 1, 20, 28, 3), np.float32), np.zeros((4, 1, 20, 28, 3), np.uint8)[::2]):
+        assert renderer.render_batch([data, data], ["fixed"], out=out) is out
+        assert np.array_equal(out, expected)
+    planar = renderer.render_batch([data, data], ["fixed"], out=np.zeros((2, 1, 3, 20, 28), np.uint8))
+    assert np.array_equal(planar, expected.transpose(0, 1, 4, 2, 3))
+    assert renderer.render_batch([], ["fixed"]).shape == (0, 1, 20, 28, 3)
+    with pytest.raises(ValueError, match=r"expected shape \(2, 20, 28, 3\), got \(1, 20, 28, 3\)"):
+        renderer.render_batch([data, data], "fixed", out=np.zeros((1, 20, 28, 3), np.uint8))
+
+
+def test_a_batch_that_fails_leaves_nothing_behind(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    renderer, lost = RasterRenderer(model, 20, 28), mujoco.MjData(model)
+    lost.geom_xpos[:] = np.nan
+    with pytest.raises(ValueError, match="pose of geom 0"):
+        renderer.render_batch([data, lost])
+    assert np.array_equal(renderer.render_batch([data], -1)[0], picture(renderer, data, -1))
 
 
 def test_refresh_reads_meshes_again(data: mujoco.MjData) -> None:

@@ -6,6 +6,7 @@ and draws it. What is not drawn is refused by name, not left out in silence.
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
@@ -33,6 +34,8 @@ Antialias = Literal["off", "multisample", "supersample"]
 # Numbers of MuJoCo's enumerations (mjvisualize.h); part of its file format, so they do not change.
 _CATEGORIES_ALL = 7
 _VIS_TEXTURE = 1
+_TOGETHER = 64
+"""Pictures of a batch that are prepared before threads draw them: bounds the memory that waits."""
 _SPARE_GEOMS = 1000
 """Room for geoms that are not in the model: contacts, frames, markers of the caller."""
 
@@ -163,22 +166,7 @@ class RasterRenderer:
             ProtocolError: The renderer is closed.
             UnsupportedError: `scene_option` asks for text, or for a scene without its textures.
         """
-        canvas = self._open_canvas()
-        option = self._option if scene_option is None else scene_option
-        if option.label:
-            raise UnsupportedError("not drawn by this renderer: text labels")
-        model, abstract = self._model, self._cameras.find(camera)
-        fixed, gaze, lens = self._cameras.sight(data, abstract)
-        if data is not self._bound:
-            canvas.bind(
-                data.geom_xpos, data.geom_xmat, data.site_xpos, data.site_xmat, data.cam_xpos, data.cam_xmat
-            )
-            self._bound = data
-        extent, depths = model.stat.extent, model.vis.map
-        canvas.update(fixed, gaze, lens, depths.znear * extent, depths.zfar * extent)
-        self._mujoco.mjv_updateScene(model, data, option, None, abstract, _CATEGORIES_ALL, self._scene)
-        if self._has_softs:
-            canvas.set_softs(*softs_of(model, self._scene))
+        self._look(self._open_canvas(), data, camera, scene_option)
 
     def render(self, *, out: NDArray[Any] | None = None) -> NDArray[Any]:
         """Draws the scene of the last `update_scene`.
@@ -200,7 +188,7 @@ class RasterRenderer:
         shape, dtype = self._expected()
         if out is None:
             out = np.empty(shape, dtype)
-        is_planar = self._mode == "colour" and out.shape == (3, self._height, self._width) != shape
+        is_planar = self._is_planar(out.shape, shape)
         if out.shape != shape and not is_planar:
             raise ShapeError(f"`out`: expected shape {shape} when rendering {self._mode}, got {out.shape}")
         canvas.take(self._scene.ngeom, self._scene.nlight)
@@ -221,26 +209,59 @@ class RasterRenderer:
         camera: Any = -1,
         scene_option: Any = None,
         out: NDArray[Any] | None = None,
+        *,
+        threads: int | None = None,
     ) -> NDArray[Any]:
-        """Draws many states of the model.
+        """Draws many states of the model, each through one camera or several, on several threads.
+
+        The pictures are those of `update_scene` and `render`, whatever the number of threads. The interpreter
+        lock is free while threads draw.
 
         Args:
             datas: N `mujoco.MjData` of this model.
-            camera: As in `update_scene`, for all of them.
+            camera: As in `update_scene`, for all of them; or a list of M of them.
             scene_option: As in `update_scene`.
-            out: Array for the result, shape [N, ...] with the rest as in `render`.
+            out: Array for the result, shape [N, ...] or, for a list of cameras, [N, M, ...] with the rest as
+                in `render`.
+            threads: How many threads draw; by default one for each processor that this process may use.
 
         Returns:
-            `out`, or a new array of N pictures.
+            `out`, or a new array, for colours uint8 [N, height, width, 3] or [N, M, height, width, 3].
+
+        Raises:
+            ShapeError: `out` has another shape.
+            ArgumentError, NonFiniteError, ProtocolError, UnsupportedError: As `update_scene` and `render`.
         """
+        canvas = self._open_canvas()
+        cameras = list(camera) if isinstance(camera, list | tuple) else [camera]
+        lead = (len(datas), len(cameras)) if isinstance(camera, list | tuple) else (len(datas),)
+        threads = threads or _processors()
         shape, dtype = self._expected()
         if out is None:
-            out = np.empty((len(datas), *shape), dtype)
-        if len(out) != len(datas):
-            raise ShapeError(f"`out`: expected {len(datas)} pictures, got {len(out)}")
-        for data, picture in zip(datas, out, strict=True):
-            self.update_scene(data, camera, scene_option)
-            self.render(out=picture)
+            out = np.empty((*lead, *shape), dtype)
+        is_planar = self._is_planar(out.shape[len(lead) :], shape)
+        if out.shape[: len(lead)] != lead or (out.shape[len(lead) :] != shape and not is_planar):
+            raise ShapeError(f"`out`: expected shape {(*lead, *shape)}, got {out.shape}")
+        is_direct = out.dtype == dtype and out.flags.c_contiguous
+        target = out if is_direct else np.empty(out.shape, dtype)
+        pictures = target.reshape(-1, *out.shape[len(lead) :])
+        done = kept = 0
+        try:
+            for data in datas:
+                for number, one in enumerate(cameras):
+                    self._look(canvas, data, one, scene_option, is_same=number > 0)
+                    if number == 0:
+                        canvas.take(self._scene.ngeom, self._scene.nlight)
+                    canvas.keep()
+                    kept += 1
+                if kept >= _TOGETHER:
+                    self._draw_kept(canvas, pictures[done : done + kept], is_planar, threads)
+                    done, kept = done + kept, 0
+            self._draw_kept(canvas, pictures[done:], is_planar, threads)
+        finally:
+            canvas.forget()
+        if target is not out:
+            np.copyto(out, target, casting="unsafe")
         return out
 
     def close(self) -> None:
@@ -256,6 +277,40 @@ class RasterRenderer:
         """Closes the renderer."""
         self.close()
 
+    def _look(
+        self, canvas: RasterCanvas, data: Any, camera: Any, option: Any, *, is_same: bool = False
+    ) -> None:
+        """Takes poses and a camera; what is drawn as well, unless it is the same as at the last look."""
+        option = self._option if option is None else option
+        if option.label:
+            raise UnsupportedError("not drawn by this renderer: text labels")
+        model, abstract = self._model, self._cameras.find(camera)
+        fixed, gaze, lens = self._cameras.sight(data, abstract)
+        if data is not self._bound:
+            canvas.bind(
+                data.geom_xpos, data.geom_xmat, data.site_xpos, data.site_xmat, data.cam_xpos, data.cam_xmat
+            )
+            self._bound = data
+        extent, depths = model.stat.extent, model.vis.map
+        canvas.update(fixed, gaze, lens, depths.znear * extent, depths.zfar * extent)
+        if is_same:
+            return
+        self._mujoco.mjv_updateScene(model, data, option, None, abstract, _CATEGORIES_ALL, self._scene)
+        if self._has_softs:
+            canvas.set_softs(*softs_of(model, self._scene))
+
+    def _draw_kept(self, canvas: RasterCanvas, pictures: NDArray[Any], is_planar: bool, threads: int) -> None:
+        if self._mode == "depth":
+            canvas.draw_kept_depth(pictures, threads)
+        elif self._mode == "segmentation":
+            canvas.draw_kept_tags(pictures, threads)
+        else:
+            canvas.draw_kept(pictures, is_planar, threads)
+
+    def _is_planar(self, found: tuple[int, ...], expected: tuple[int, ...]) -> bool:
+        """Whether a picture has its colours channel by channel."""
+        return self._mode == "colour" and found == (3, self._height, self._width) != expected
+
     def _open_canvas(self) -> RasterCanvas:
         if self._canvas is None:
             raise ProtocolError("renderer: expected an open one, found it closed")
@@ -268,3 +323,10 @@ class RasterRenderer:
         if self._mode == "segmentation":
             return (*size, 2), np.int32
         return (*size, 3), np.uint8
+
+
+def _processors() -> int:
+    """How many processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

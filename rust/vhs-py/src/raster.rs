@@ -15,6 +15,7 @@ use numpy::{PyReadonlyArray2, PyReadwriteArrayDyn};
 use pyo3::prelude::*;
 use vhs_raster::{
     Antialias, Camera, Canvas, Error, Geom, Layout, Lens, Light, Result, Scene, Soft, View,
+    draw_all,
 };
 
 use crate::error::{protocol, raster_to_py as to_py};
@@ -23,6 +24,9 @@ use crate::raster_feed::{Feed, Gaze, Handle, Poses};
 use crate::raster_records::{Flex, Softs};
 use crate::raster_scene::RasterScene;
 use crate::raster_source::RasterSource;
+
+/// Most threads of one call; each has a canvas of its own.
+const MOST_THREADS: usize = 256;
 
 /// What one frame needs besides the scene.
 struct State {
@@ -33,6 +37,10 @@ struct State {
     softs: Softs,
     geoms: Vec<Geom>,
     lights: Vec<Light>,
+    /// Views that wait to be drawn together.
+    kept: Vec<View>,
+    /// Canvases of threads.
+    helpers: Vec<Canvas>,
 }
 
 /// Vertices, normals, texture coordinates and faces of a surface that bends.
@@ -56,12 +64,40 @@ type FlexParts<'py> = (
 pub struct RasterCanvas {
     source: Py<RasterSource>,
     state: Mutex<State>,
+    antialias: Antialias,
 }
 
 impl RasterCanvas {
     fn lock(&self) -> MutexGuard<'_, State> {
         // A panic while drawing leaves stale pixels, which the next frame overwrites.
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Draws the kept views on some threads without the interpreter lock, and forgets them.
+    fn drawn_together<T: Send>(
+        &self,
+        py: Python<'_>,
+        threads: usize,
+        out: &mut [T],
+        draw: impl Fn(&mut Canvas, &View, &mut [T]) -> Result<()> + Send + Sync,
+    ) -> PyResult<()> {
+        py.detach(|| {
+            let mut state = self.lock();
+            let State {
+                canvas,
+                kept,
+                helpers,
+                ..
+            } = &mut *state;
+            let (height, width) = canvas.size();
+            while helpers.len() < threads.clamp(1, MOST_THREADS) {
+                helpers.push(Canvas::new(height, width, self.antialias)?);
+            }
+            let helpers = &mut helpers[..threads.clamp(1, MOST_THREADS)];
+            let views = std::mem::take(kept);
+            draw_all(helpers, &views, out, draw)
+        })
+        .map_err(to_py)
     }
 
     /// Draws without the interpreter lock.
@@ -112,10 +148,13 @@ impl RasterCanvas {
             softs: Softs::default(),
             geoms: Vec::new(),
             lights: Vec::new(),
+            kept: Vec::new(),
+            helpers: Vec::new(),
         };
         Ok(Self {
             source,
             state: Mutex::new(state),
+            antialias,
         })
     }
 
@@ -231,11 +270,7 @@ impl RasterCanvas {
         is_planar: bool,
     ) -> PyResult<()> {
         let out = out.as_slice_mut().map_err(gaps("out"))?;
-        let layout = if is_planar {
-            Layout::Planar
-        } else {
-            Layout::Interleaved
-        };
+        let layout = layout_of(is_planar);
         self.drawn(py, |canvas, view| canvas.draw(view, layout, out))
     }
 
@@ -251,10 +286,67 @@ impl RasterCanvas {
         self.drawn(py, |canvas, view| canvas.draw_tags(view, out))
     }
 
+    #[doc = stub!("RasterCanvas.keep")]
+    fn keep(&self) {
+        let mut state = self.lock();
+        let view = state.view.clone();
+        state.kept.push(view);
+    }
+
+    #[doc = stub!("RasterCanvas.forget")]
+    fn forget(&self) {
+        self.lock().kept.clear();
+    }
+
+    #[doc = stub!("RasterCanvas.draw_kept")]
+    fn draw_kept(
+        &self,
+        py: Python<'_>,
+        mut out: PyReadwriteArrayDyn<'_, u8>,
+        is_planar: bool,
+        threads: usize,
+    ) -> PyResult<()> {
+        let out = out.as_slice_mut().map_err(gaps("out"))?;
+        let layout = layout_of(is_planar);
+        self.drawn_together(py, threads, out, |canvas, view, out| {
+            canvas.draw(view, layout, out)
+        })
+    }
+
+    #[doc = stub!("RasterCanvas.draw_kept_depth")]
+    fn draw_kept_depth(
+        &self,
+        py: Python<'_>,
+        mut out: PyReadwriteArrayDyn<'_, f32>,
+        threads: usize,
+    ) -> PyResult<()> {
+        let out = out.as_slice_mut().map_err(gaps("out"))?;
+        self.drawn_together(py, threads, out, Canvas::draw_depth)
+    }
+
+    #[doc = stub!("RasterCanvas.draw_kept_tags")]
+    fn draw_kept_tags(
+        &self,
+        py: Python<'_>,
+        mut out: PyReadwriteArrayDyn<'_, i32>,
+        threads: usize,
+    ) -> PyResult<()> {
+        let out = out.as_slice_mut().map_err(gaps("out"))?;
+        self.drawn_together(py, threads, out, Canvas::draw_tags)
+    }
+
     #[doc = stub!("RasterCanvas.orbit")]
     #[staticmethod]
     fn orbit(look_at: [f64; 3], distance: f64, azimuth: f64, elevation: f64) -> Gaze {
         Camera::orbit(look_at, distance, azimuth, elevation)
+    }
+}
+
+fn layout_of(is_planar: bool) -> Layout {
+    if is_planar {
+        Layout::Planar
+    } else {
+        Layout::Interleaved
     }
 }
 

@@ -48,6 +48,7 @@
 )]
 
 mod assets;
+mod batch;
 mod camera;
 mod canvas;
 mod cover;
@@ -71,6 +72,7 @@ mod texture;
 mod view;
 
 pub use assets::Scene;
+pub use batch::draw_all;
 pub use camera::{Camera, Lens};
 pub use canvas::{Antialias, Canvas, Layout};
 pub use error::{Error, Result};
