@@ -1126,6 +1126,9 @@ class RasterScene:
         `size`: half sizes along x and y, largest height, depth of the base, in metres.
         """
 
+    def set_shadows(self, size: int, clip: float, scale: float) -> None:
+        """Set the texels a side of a shadow map, half its side in metres, and its share of a spot's cone."""
+
     def set_sky(self, texture: int, haze_rgb: Sequence[float], haze_proportion: float) -> None:
         """Set the cube texture of the sky and the haze over the horizon."""
 
@@ -1161,7 +1164,7 @@ class RasterSource:
             mat_texid: The model's, int32 [nmat, roles].
             mat_texuniform: The model's, as bytes [nmat].
             mat_texrepeat: The model's, float32 [nmat, 2].
-            textures: For each of the model's textures its number in the `RasterScene`, None if it is not shown.
+            textures: For each of the model's textures its number in the `RasterScene`; None: not shown.
             meshes: For each of the model's meshes its number in the `RasterScene` and that of its hull.
             line_width: Pixels.
         """
@@ -1217,8 +1220,8 @@ class RasterCanvas:
         Args:
             surfaces: Vertices [n, 3], normals [n, 3], texture coordinates [n, 2] or [0, 2], faces [m, 3].
             skins: For each skin its surface.
-            flexes: For each flexible body its surface or None, its vertices that are shown as balls [n, 3], and
-                its edges that are shown as tubes [n, 6].
+            flexes: For each flexible body its surface or None, its vertices that are shown as balls [n, 3],
+                and its edges that are shown as tubes [n, 6].
         """
 
     def take(self, geoms: int, lights: int) -> None:

@@ -6,9 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 from raster_models import CROWD, MODELS
-from raster_support import differences, reference, scatter, shapes_model
-
-from vhs.raster import RasterRenderer
+from raster_support import differences, ours, reference, scatter, shapes_model
 
 THINGS = 0.1
 """Mean difference of colours allowed, in 255ths: leaving out the thinnest thing here makes more."""
@@ -18,7 +16,7 @@ def pictures(
     model: mujoco.MjModel, data: mujoco.MjData, option: object = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """MuJoCo's picture and ours."""
-    expected, actual = reference(model, 120, 160), RasterRenderer(model, 120, 160)
+    expected, actual = reference(model, 120, 160), ours(model, 120, 160)
     for renderer in (expected, expected, actual):
         renderer.update_scene(data, "fixed", option)
     found = expected.render().astype(int), actual.render().astype(int)
@@ -41,7 +39,7 @@ def crowd() -> tuple[mujoco.MjModel, mujoco.MjData]:
 def test_things_that_are_not_plain_geoms(name: str) -> None:
     model = mujoco.MjModel.from_xml_string(MODELS[name])
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
-    expected, actual = reference(model, 120, 160), RasterRenderer(model, 120, 160)
+    expected, actual = reference(model, 120, 160), ours(model, 120, 160)
     for spread in (0, 0.05, 0.1):
         scatter(model, data, rng, spread)
         colour, segment, distance = differences(expected, actual, data, "fixed")
@@ -103,7 +101,7 @@ def add_markers(scene: mujoco.MjvScene) -> None:
 def test_geoms_that_the_caller_adds_and_changes(crowd: tuple[mujoco.MjModel, mujoco.MjData]) -> None:
     model, data = crowd
     found = []
-    for renderer in (reference(model, 120, 160), RasterRenderer(model, 120, 160)):
+    for renderer in (reference(model, 120, 160), ours(model, 120, 160)):
         renderer.update_scene(data, "fixed")
         before = renderer.render().astype(int)
         add_markers(renderer.scene)
@@ -118,7 +116,7 @@ def test_colours_sizes_and_materials_are_read_at_every_update() -> None:
     model = shapes_model()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    expected, actual = reference(model, 120, 160), RasterRenderer(model, 120, 160)
+    expected, actual = reference(model, 120, 160), ours(model, 120, 160)
 
     def change(what: str) -> None:
         if what == "colour":

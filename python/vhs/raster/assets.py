@@ -33,6 +33,8 @@ class Assets:
         quality = model.vis.quality
         far = model.vis.map.zfar * model.stat.extent
         scene = RasterScene(quality.numslices, quality.numstacks, quality.numquads, far)
+        limits = model.vis.map
+        scene.set_shadows(quality.shadowsize, limits.shadowclip * model.stat.extent, limits.shadowscale)
         textures = [_add_texture(scene, model, i) for i in range(model.ntex)]
         meshes = [_add_mesh(scene, model, i) for i in range(model.nmesh)]
         for i in range(model.nhfield):

@@ -10,7 +10,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use numpy::{PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use vhs_raster::{
-    Haze, HeightField, MeshData, Scene, SceneSpec, Tessellation, Texture, TextureKind,
+    Haze, HeightField, MeshData, Scene, SceneSpec, Shadows, Tessellation, Texture, TextureKind,
 };
 
 use crate::error::{raster_to_py as to_py, shape};
@@ -107,6 +107,11 @@ impl RasterScene {
         let mut spec = self.lock();
         spec.height_fields.push(field);
         Ok(spec.height_fields.len() - 1)
+    }
+
+    #[doc = stub!("RasterScene.set_shadows")]
+    fn set_shadows(&self, size: usize, clip: f32, scale: f32) {
+        self.lock().shadows = Shadows { size, clip, scale };
     }
 
     #[doc = stub!("RasterScene.set_sky")]

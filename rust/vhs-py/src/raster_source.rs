@@ -18,6 +18,7 @@ use crate::raster_records::{
 };
 
 /// Flags of `mjvScene` by number (`mjtRndFlag`).
+const FLAG_SHADOW: usize = 0;
 const FLAG_WIREFRAME: usize = 1;
 const FLAG_ADDITIVE: usize = 3;
 const FLAG_SKYBOX: usize = 4;
@@ -168,6 +169,7 @@ impl RasterSource {
         Ok(Effects {
             has_sky: is_on(FLAG_SKYBOX),
             has_haze: is_on(FLAG_HAZE),
+            has_shadows: is_on(FLAG_SHADOW),
         })
     }
 }

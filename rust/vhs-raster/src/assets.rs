@@ -4,7 +4,7 @@
 
 use crate::error::{Error, Result, check_len};
 use crate::math::V3;
-use crate::scene::{Haze, HeightField, MeshData, SceneSpec, Tessellation};
+use crate::scene::{Haze, HeightField, MeshData, SceneSpec, Shadows, Tessellation};
 use crate::solid::Solid;
 use crate::texture::{Texture, TextureKind};
 
@@ -20,6 +20,7 @@ pub struct Scene {
     /// Cube texture of the sky.
     pub(crate) sky: Option<usize>,
     haze: Option<Haze>,
+    pub(crate) shadows: Shadows,
     /// Solid of the haze, if there is any.
     pub(crate) haze_solid: Option<usize>,
 }
@@ -80,6 +81,7 @@ impl Scene {
             height_fields: spec.height_fields.len(),
             sky: spec.sky,
             haze: spec.haze,
+            shadows: spec.shadows,
             haze_solid,
         })
     }
@@ -142,6 +144,15 @@ fn check(spec: &SceneSpec) -> Result<()> {
             what: "far plane",
             expected: "above 0",
             got: spec.far.to_string(),
+        });
+    }
+    let Shadows { size, clip, scale } = spec.shadows;
+    finite("shadow clip and scale", &[[clip, scale]])?;
+    if size > 16_384 || clip <= 0.0 || scale <= 0.0 {
+        return Err(Error::Range {
+            what: "shadows",
+            expected: "at most 16384 texels, a clip and a scale above 0",
+            got: format!("{size}, {clip}, {scale}"),
         });
     }
     for mesh in &spec.meshes {

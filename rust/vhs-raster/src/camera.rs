@@ -99,6 +99,13 @@ fn unit64(a: [f64; 3]) -> [f64; 3] {
     }
 }
 
+/// Inverse of a matrix, given by its rows.
+fn inverse([a, b, c]: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
+    let columns = [cross64(b, c), cross64(c, a), cross64(a, b)];
+    let determinant = dot64(a, columns[0]);
+    [0, 1, 2].map(|i| [0, 1, 2].map(|k| columns[k][i] / determinant))
+}
+
 pub(crate) fn dot64(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
@@ -210,6 +217,34 @@ impl Projection {
         let depth = self.depth_row.map_or([0.0, 0.0, 0.0, 1.0], |row| {
             let v = through(&row);
             [v[0], v[1], v[2], dot64(row, from_camera) as f32]
+        });
+        (
+            [a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]],
+            constant,
+            depth,
+        )
+    }
+
+    /// Map from another camera's rays to this picture: matrix, constant, and the row of Z with its constant.
+    ///
+    /// A ray of a perspective is `(x, y, 1)`, to be multiplied by W; one of a parallel projection `(x, y, Z / W)`.
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "the picture is drawn in f32"
+    )]
+    pub(crate) fn of_rays(&self, other: &Self) -> ([f32; 9], V3, Option<[f32; 4]>) {
+        let last = other.depth_row.unwrap_or(other.rows[2]);
+        let rays = inverse([other.rows[0], other.rows[1], last]);
+        let through = |row: &[f64; 3]| {
+            [0, 1, 2]
+                .map(|k| (row[0] * rays[0][k] + row[1] * rays[1][k] + row[2] * rays[2][k]) as f32)
+        };
+        let way = [0, 1, 2].map(|k| other.origin[k] - self.origin[k]);
+        let [a, b, c] = [0, 1, 2].map(|i| through(&self.rows[i]));
+        let constant = [0, 1, 2].map(|i| (dot64(self.rows[i], way) + self.constant[i]) as f32);
+        let depth = self.depth_row.map(|row| {
+            let v = through(&row);
+            [v[0], v[1], v[2], dot64(row, way) as f32]
         });
         (
             [a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]],

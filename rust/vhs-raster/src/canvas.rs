@@ -5,14 +5,15 @@
 use crate::camera::{Projection, dot64};
 use crate::cover::{Cover, NOTHING, Offset};
 use crate::error::{Error, Result, check_len};
-use crate::fill::{Colours, Fill, Job, Scratch};
+use crate::fill::{Colours, Fill, Job, Scratch, collect};
 use crate::frame::{Frame, Listed, SKY_REACH, is_seen_from_behind};
 use crate::lanes::Kind;
-use crate::light::Lamps;
+use crate::light::{Choice, Lamps, MOST_LIGHTS};
 use crate::nodes::{Lighter, NodeCache, Role};
 use crate::parts::Part;
 use crate::scene::{Geom, Shape};
 use crate::shade::Shader;
+use crate::shadow::{Sample, Shade};
 use crate::view::{Effects, Shown, View};
 
 /// How edges are smoothed.
@@ -61,6 +62,10 @@ pub struct Canvas {
     plain: Option<Box<Cover>>,
     frame: Frame,
     colours: Colours,
+    /// What one light with shadows adds to them.
+    added: Option<Box<Colours>>,
+    samples: Vec<Sample>,
+    shade: Shade,
     lamps: Lamps,
     nodes: NodeCache,
     scratch: Scratch,
@@ -96,6 +101,9 @@ impl Canvas {
             plain: None,
             frame: Frame::default(),
             colours: Colours::new(h, w),
+            added: None,
+            samples: Vec::new(),
+            shade: Shade::default(),
             lamps: Lamps::default(),
             nodes: NodeCache::default(),
             scratch: Scratch::default(),
@@ -122,7 +130,7 @@ impl Canvas {
     pub fn draw(&mut self, view: &View, layout: Layout, out: &mut [u8]) -> Result<()> {
         check_len("picture bytes", 3 * self.height * self.width, out.len())?;
         let projection = view.projection(self.cover.height, self.cover.width);
-        self.lamps.update(view, &projection);
+        self.lamps.update(view, &projection, Choice::Shadowless);
         self.nodes.start_frame();
         self.frame.clear();
         self.cover.clear(projection.depth_range);
@@ -130,6 +138,7 @@ impl Canvas {
         frame.draw_opaque(view, &projection, cover);
         frame.draw_sky(view, &projection, cover);
         self.fill(view, false);
+        self.add_lights_with_shadows(view, &projection);
         self.blend_haze(view, &projection);
         self.blend_glass(view, &projection);
         self.write_out(layout, out);
@@ -210,8 +219,48 @@ impl Canvas {
         projection
     }
 
+    /// Adds the light of all that cast shadows, one after the other.
+    fn add_lights_with_shadows(&mut self, view: &View, projection: &Projection) {
+        let lights = view.lights.iter().take(MOST_LIGHTS).enumerate();
+        let mut is_first = true;
+        for (number, light) in lights.filter(|(_, light)| view.has_shadow(light)) {
+            if std::mem::take(&mut is_first) {
+                let frame = &self.frame;
+                collect(&self.cover, &frame.drawn, &frame.edges, &mut self.samples);
+            }
+            self.shade
+                .find(view, light, projection, &self.samples, &mut self.frame);
+            self.relight(view, projection, Choice::One(number));
+            let (height, width) = (self.cover.height, self.cover.width);
+            let added = self.added.take();
+            let mut added = added.unwrap_or_else(|| Box::new(Colours::new(height, width)));
+            std::mem::swap(&mut self.colours, &mut added);
+            self.fill_with(view, false, true);
+            std::mem::swap(&mut self.colours, &mut added);
+            self.colours.add(&added);
+            self.added = Some(added);
+        }
+        if !is_first {
+            // What is transparent gets all lights and no shadows.
+            self.relight(view, projection, Choice::All);
+        }
+    }
+
+    /// Chooses other lights, and forgets what the last ones lit.
+    fn relight(&mut self, view: &View, projection: &Projection, choice: Choice) {
+        self.lamps.update(view, projection, choice);
+        self.nodes.start_frame();
+        self.frame.ready_at.clear();
+        self.frame.ready.clear();
+    }
+
     /// Colours every visible sample, or blends the listed fragments over the picture.
     fn fill(&mut self, view: &View, is_blending: bool) {
+        self.fill_with(view, is_blending, false);
+    }
+
+    /// The same; visible samples that `shade` found dark stay black if `has_shade`.
+    fn fill_with(&mut self, view: &View, is_blending: bool, has_shade: bool) {
         let frame = &mut self.frame;
         self.nodes.reserve(frame.nodes);
         let lighter = Lighter {
@@ -231,6 +280,8 @@ impl Canvas {
             edges: &mut frame.edges,
             scratch: &mut self.scratch,
             kind: self.kind,
+            dark: has_shade.then_some(&self.shade.is_dark[..]),
+            done: 0,
         };
         let job = if is_blending {
             Job::Over(&frame.fragments)
@@ -242,7 +293,9 @@ impl Canvas {
 
     /// Lays the belt over the horizon of the first endless plane.
     fn blend_haze(&mut self, view: &View, projection: &Projection) {
-        let Effects { has_sky, has_haze } = view.effects;
+        let Effects {
+            has_sky, has_haze, ..
+        } = view.effects;
         let (Some(solid), Some(_)) = (view.scene.haze_solid, view.scene.sky) else {
             return;
         };

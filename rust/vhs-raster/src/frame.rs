@@ -42,7 +42,14 @@ pub(crate) struct Frame {
 
 /// Where faces go once they are projected.
 pub(crate) trait Sink {
-    fn cover(&self) -> &Cover;
+    /// What of the sink a face with these corners can touch; `None` when there is nothing.
+    fn window<const N: usize>(&self, corners: &[Corner; N], near: f32) -> Option<Window>;
+    /// Whether pixels have several samples.
+    fn is_smooth(&self) -> bool;
+    /// Whether faces are taken from either side.
+    fn sees_both_sides(&self) -> bool {
+        false
+    }
     fn face<const N: usize>(&mut self, outline: &Outline<N>, window: Window, number: usize);
 }
 
@@ -50,8 +57,13 @@ pub(crate) trait Sink {
 pub(crate) struct Into<'a>(pub(crate) &'a mut Cover);
 
 impl Sink for Into<'_> {
-    fn cover(&self) -> &Cover {
-        self.0
+    #[inline(always)]
+    fn window<const N: usize>(&self, corners: &[Corner; N], near: f32) -> Option<Window> {
+        self.0.window(corners, near)
+    }
+
+    fn is_smooth(&self) -> bool {
+        self.0.offsets.len() > 1
     }
 
     fn face<const N: usize>(&mut self, outline: &Outline<N>, window: Window, number: usize) {
@@ -67,8 +79,13 @@ pub(crate) struct Listed<'a> {
 }
 
 impl Sink for Listed<'_> {
-    fn cover(&self) -> &Cover {
-        self.cover
+    #[inline(always)]
+    fn window<const N: usize>(&self, corners: &[Corner; N], near: f32) -> Option<Window> {
+        self.cover.window(corners, near)
+    }
+
+    fn is_smooth(&self) -> bool {
+        self.cover.offsets.len() > 1
     }
 
     #[expect(
@@ -175,6 +192,19 @@ impl Frame {
                 self.draw_geom_part(view, projection, part, 1.0, is_inverted, &mut Into(cover));
             }
         }
+    }
+
+    /// Hands all faces that keep light from others to `sink`; the frame stays as it is.
+    pub(crate) fn cast(&mut self, view: &View, projection: &Projection, sink: &mut impl Sink) {
+        let (placed, drawn, nodes) = (self.placed.len(), self.drawn.len(), self.nodes);
+        for part in &view.parts {
+            if view.geoms[part.geom].geom.casts_shadow {
+                self.draw_geom_part(view, projection, part, 1.0, false, sink);
+            }
+        }
+        self.placed.truncate(placed);
+        self.drawn.truncate(drawn);
+        self.nodes = nodes;
     }
 
     /// Draws one part of a geom.
@@ -298,7 +328,7 @@ impl Frame {
             return;
         }
         // With one sample a pixel OpenGL widens lines along the axis that they cross, by whole pixels.
-        let across = if sink.cover().offsets.len() > 1 {
+        let across = if sink.is_smooth() {
             [-way[1], way[0]].map(|x| x * half_width / length)
         } else {
             let half = 0.5 * (2.0 * half_width).round().max(1.0);
@@ -351,10 +381,15 @@ impl Frame {
         near: f32,
         sink: &mut impl Sink,
     ) {
-        let Some(front) = facing(corners, is_inverted) else {
-            return;
+        let (front, is_inverted) = match facing(corners, is_inverted) {
+            Some(front) => (front, is_inverted),
+            None if sink.sees_both_sides() => match facing(corners, !is_inverted) {
+                Some(back) => (back, !is_inverted),
+                None => return,
+            },
+            None => return,
         };
-        let Some(window) = sink.cover().window(corners, near) else {
+        let Some(window) = sink.window(corners, near) else {
             return;
         };
         let (shape, drawn) = outline(corners, front, is_inverted);

@@ -64,6 +64,7 @@ mod parts;
 mod round;
 mod scene;
 mod shade;
+mod shadow;
 mod solid;
 mod surfaces;
 #[cfg(test)]
@@ -77,8 +78,8 @@ pub use camera::{Camera, Lens};
 pub use canvas::{Antialias, Canvas, Layout};
 pub use error::{Error, Result};
 pub use scene::{
-    Geom, Haze, Heads, HeightField, Light, LightKind, MeshData, SceneSpec, Shape, Soft, Surface,
-    Tessellation, TextureUse,
+    Geom, Haze, Heads, HeightField, Light, LightKind, MeshData, SceneSpec, Shadows, Shape, Soft,
+    Surface, Tessellation, TextureUse,
 };
 pub use texture::{Texture, TextureKind};
 pub use view::{Effects, View};

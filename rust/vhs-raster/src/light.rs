@@ -7,7 +7,7 @@ use crate::scene::{Light, LightKind, Surface};
 use crate::view::View;
 
 /// OpenGL's fixed pipeline knows this many lights.
-const MOST_LIGHTS: usize = 8;
+pub(crate) const MOST_LIGHTS: usize = 8;
 
 /// Ambient light of a scene without any light.
 const DARK_AMBIENT: f32 = 0.3;
@@ -33,21 +33,42 @@ pub(crate) struct Lamps {
     is_parallel: bool,
     /// Whether any lamp makes highlights.
     has_highlights: bool,
+    /// Whether this light is added to a picture that has the surfaces' own.
+    is_addition: bool,
+}
+
+/// Which lights of a view shine.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Choice {
+    All,
+    /// Those without shadows.
+    Shadowless,
+    /// One by number, added to what others have lit.
+    One(usize),
 }
 
 impl Lamps {
     /// Collects the lights of `view`, reusing memory.
-    pub(crate) fn update(&mut self, view: &View, projection: &Projection) {
+    pub(crate) fn update(&mut self, view: &View, projection: &Projection, choice: Choice) {
         self.eye = view.eye();
         self.lit.clear();
-        for light in view.lights.iter().take(MOST_LIGHTS) {
+        for (number, light) in view.lights.iter().take(MOST_LIGHTS).enumerate() {
+            let is_chosen = match choice {
+                Choice::All => true,
+                Choice::Shadowless => !view.has_shadow(light),
+                Choice::One(chosen) => number == chosen,
+            };
+            if !is_chosen {
+                continue;
+            }
             let mut light = *light;
             if light.is_headlight {
                 (light.position, light.direction) = (self.eye, normalize(projection.forward));
             }
             self.lit.push(Lamp::new(light));
         }
-        self.ambient = if self.lit.is_empty() {
+        self.is_addition = matches!(choice, Choice::One(_));
+        self.ambient = if view.lights.is_empty() {
             DARK_AMBIENT
         } else {
             0.0
@@ -64,11 +85,20 @@ impl Lamps {
         self.is_parallel && (!self.has_highlights || surface.specular == 0.0)
     }
 
+    /// Whether this light is added to a picture that has the surfaces' own.
+    pub(crate) fn is_addition(&self) -> bool {
+        self.is_addition
+    }
+
     /// Colour of a vertex, each channel in 0..=1.
     pub(crate) fn colour(&self, position: V3, normal: V3, surface: &Surface) -> V3 {
         let base = [surface.rgba[0], surface.rgba[1], surface.rgba[2]];
         let to_eye = normalize(sub(self.eye, position));
-        let mut sum = scale(base, surface.emission + self.ambient);
+        let mut sum = if self.is_addition {
+            [0.0; 3]
+        } else {
+            scale(base, surface.emission + self.ambient)
+        };
         for lamp in &self.lit {
             sum = add(sum, lamp.on(position, normal, to_eye, base, surface));
         }

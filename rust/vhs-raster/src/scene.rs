@@ -296,6 +296,28 @@ pub struct Haze {
     pub proportion: f32,
 }
 
+/// What limits shadows, as MuJoCo's shadow maps do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shadows {
+    /// Texels along each side of a map; below 4 there are no shadows.
+    pub size: usize,
+    /// Half the side of the square around a directional light in which there are shadows, in metres.
+    pub clip: f32,
+    /// Share of a spot's cone in which there are shadows.
+    pub scale: f32,
+}
+
+impl Default for Shadows {
+    /// MuJoCo's defaults, for a scene of extent 1.
+    fn default() -> Self {
+        Self {
+            size: 4096,
+            clip: 1.0,
+            scale: 0.6,
+        }
+    }
+}
+
 /// What stays the same from frame to frame.
 #[derive(Debug, Clone, Default)]
 pub struct SceneSpec {
@@ -311,6 +333,8 @@ pub struct SceneSpec {
     pub sky: Option<usize>,
     /// Haze, if any.
     pub haze: Option<Haze>,
+    /// Limits of shadows.
+    pub shadows: Shadows,
     /// Distance of the far clipping plane in metres; endless planes and the sky end there.
     pub far: f64,
 }

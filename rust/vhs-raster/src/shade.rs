@@ -117,6 +117,8 @@ impl Shader<'_> {
         let solid = view.solid(part.solid);
         let surface = |g: usize| &view.geoms[g].geom.surface;
         let (light, alpha) = match part.role {
+            // A further light adds nothing to the sky.
+            Role::Sky if self.lighter.lamps.is_addition() => (Light::Even([0.0; 3]), 1.0),
             Role::Sky => (Light::Even([1.0; 3]), 1.0),
             Role::Haze => (Light::Even(view.scene.haze_colour()), 1.0),
             Role::Unlit(g) => {
@@ -135,6 +137,7 @@ impl Shader<'_> {
             along,
             part,
             face,
+            ..
         } = *drawn;
         Ready {
             whole,

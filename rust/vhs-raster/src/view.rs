@@ -21,6 +21,8 @@ pub struct Effects {
     pub has_sky: bool,
     /// The scene's haze; only where there is a sky.
     pub has_haze: bool,
+    /// Shadows of the lights that cast them; without, such lights shine through everything.
+    pub has_shadows: bool,
 }
 
 impl Default for Effects {
@@ -28,6 +30,7 @@ impl Default for Effects {
         Self {
             has_sky: true,
             has_haze: true,
+            has_shadows: true,
         }
     }
 }
@@ -206,6 +209,11 @@ impl View {
     /// Says what is shown besides geoms.
     pub fn set_effects(&mut self, effects: Effects) {
         self.effects = effects;
+    }
+
+    /// Whether a light is kept off by what is in its way.
+    pub(crate) fn has_shadow(&self, light: &Light) -> bool {
+        self.effects.has_shadows && self.scene.shadows.size >= 4 && light.casts_shadow
     }
 
     /// A solid by the number that a part has for it.
