@@ -1224,8 +1224,11 @@ class RasterCanvas:
                 and its edges that are shown as tubes [n, 6].
         """
 
-    def take(self, geoms: int, lights: int) -> None:
-        """Read the first geoms and lights of the source, and its flags; what follows draws them."""
+    def take(self, geoms: int, lights: int, is_numbered: bool = False) -> None:
+        """Read the first geoms and lights of the source, and its flags; what follows draws them.
+
+        `is_numbered`: segmentation shows the numbers that MuJoCo gave geoms for it instead of objects.
+        """
 
     def draw(self, out: NDArray[np.uint8], is_planar: bool) -> None:
         """Draw colours into uint8 [height, width, 3], or [3, height, width] where planar."""

@@ -5,6 +5,7 @@ in an abstract scene, and this package draws that scene as MuJoCo's OpenGL rende
 (`rust/vhs-raster`). MuJoCo is imported by the first renderer, so `import vhs` stays light.
 """
 
+from vhs.raster.install import Installed, install
 from vhs.raster.renderer import Antialias, RasterRenderer
 
-__all__ = ["Antialias", "RasterRenderer"]
+__all__ = ["Antialias", "Installed", "RasterRenderer", "install"]

@@ -1,4 +1,4 @@
-"""Textures, meshes and height fields of a model: read once, and again by `RasterRenderer.refresh`."""
+"""What a canvas is made of: textures, meshes and height fields of a model, and where the rest is read."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vhs._core import RasterScene
+from vhs._core import RasterScene, RasterSource
+from vhs.raster.records import layouts
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -44,6 +45,19 @@ class Assets:
         if sky is not None:
             scene.set_sky(sky, list(model.vis.rgba.haze[:3]), model.vis.map.haze)
         return cls(scene, textures, meshes)
+
+
+def source_of(mujoco: Any, model: Any, scene: Any, assets: Assets) -> RasterSource:
+    """What is drawn of a model and a scene (`mujoco.MjvScene`), read anew at every frame."""
+    geoms, lights = layouts()
+    # Some packages show less of a scene than it has; the lists are asked for past them.
+    lists = [getattr(mujoco.MjvScene, name).__get__(scene) for name in ("geoms", "lights")]
+    return RasterSource(
+        geoms=geoms.records(lists[0]), geom_places=geoms.places, lights=lights.records(lists[1]),
+        light_places=lights.places, flags=scene.flags, geom_size=model.geom_size, mat_texid=model.mat_texid,
+        mat_texuniform=model.mat_texuniform.view(np.uint8), mat_texrepeat=model.mat_texrepeat,
+        textures=assets.textures, meshes=assets.meshes, line_width=model.vis.global_.linewidth,
+    )  # fmt: skip
 
 
 def _add_texture(scene: RasterScene, model: Any, index: int) -> int | None:

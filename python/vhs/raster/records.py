@@ -8,7 +8,8 @@ record and looking. So nothing here depends on a version of MuJoCo, only on inte
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from functools import cache
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -49,48 +50,63 @@ class _Memory:
         }
 
 
-def records_of(entries: Sequence[Any], fields: Sequence[str]) -> tuple[NDArray[np.uint8], list[int | None]]:
-    """Bytes and places of fields of a list in a scene.
+class Layout(NamedTuple):
+    """Where a list of records lies in memory, seen from the position field of its first entry."""
 
-    Args:
-        entries: The list, `scene.geoms` or `scene.lights`, of at least three; the contents of the second one
-            are lost.
-        fields: Names of fields.
+    stride: int
+    """Bytes from one record to the next."""
+    start: int
+    """First byte of a record, seen from its own position field."""
+    places: list[int | None]
+    """First byte of each field in a record; None for one that this MuJoCo lacks."""
 
-    Returns:
-        The list's memory, uint8 [n, bytes], and for each field its first byte in a record, or None where this
-        MuJoCo has no such field.
+    @classmethod
+    def of(cls, entries: Sequence[Any], fields: Sequence[str]) -> Layout:
+        """Finds out on a list of at least three entries; the contents of the second one are lost.
 
-    Raises:
-        UnsupportedError: The list's memory is not one array.
-    """
-    addresses = [_address(entry.pos) for entry in (entries[0], entries[1], entries[-1])]
-    stride = addresses[1] - addresses[0]
-    if not 0 < stride < 4096 or addresses[2] - addresses[0] != stride * (len(entries) - 1):
-        raise UnsupportedError("scene of this MuJoCo: expected its lists one record after the other")
-    # The record around the second entry's position lies within the first three entries.
-    around = np.asarray(_Memory(entries, addresses[1] - stride, (1, 2 * stride)))[0]
-    found = {
-        name: _place(entries[1], name, around, addresses[1] - stride) for name in (*fields, "type", "id")
-    }
-    start = min(place for place in found.values() if place is not None)
-    places = [None if found[name] is None else found[name] - start for name in fields]  # type: ignore[operator]
-    memory = _Memory(entries, addresses[0] - stride + start, (len(entries), stride))
-    return np.asarray(memory), places
+        Raises:
+            UnsupportedError: The list's memory is not one array, or a field is nowhere in it.
+        """
+        addresses = [_address(entry.pos) for entry in (entries[0], entries[1], entries[-1])]
+        stride = addresses[1] - addresses[0]
+        if not 0 < stride < 4096 or addresses[2] - addresses[0] != stride * (len(entries) - 1):
+            raise UnsupportedError("scene of this MuJoCo: expected its lists one record after the other")
+        # The record around the second entry's position lies within the first three entries.
+        around = np.asarray(_Memory(entries, addresses[1] - stride, (1, 2 * stride)))[0]
+        places = [_place(entries[1], name, around, addresses[1]) for name in (*fields, "type", "id")]
+        start = min(place for place in places if place is not None)
+        return cls(stride, start, [None if p is None else p - start for p in places[: len(fields)]])
+
+    def records(self, entries: Sequence[Any]) -> NDArray[np.uint8]:
+        """The memory of such a list, uint8 [n, bytes]."""
+        address = _address(entries[0].pos) + self.start
+        return np.asarray(_Memory(entries, address, (len(entries), self.stride)))
+
+
+@cache
+def layouts() -> tuple[Layout, Layout]:
+    """Layouts of geoms and of lights in the scenes of this MuJoCo."""
+    import mujoco
+
+    scene = mujoco.MjvScene(mujoco.MjModel.from_xml_string("<mujoco/>"), 3)
+    return Layout.of(scene.geoms, GEOM_FIELDS), Layout.of(scene.lights, LIGHT_FIELDS)
 
 
 def _address(array: NDArray[Any]) -> int:
     return int(array.__array_interface__["data"][0])
 
 
-def _place(entry: Any, name: str, around: NDArray[np.uint8], start: int) -> int | None:
-    """First byte of a field within the memory around its record; None where there is no such field."""
+def _place(entry: Any, name: str, around: NDArray[np.uint8], position: int) -> int | None:
+    """First byte of a field, seen from the record's position field in the middle of the memory around it.
+
+    None where there is no such field.
+    """
     if not hasattr(type(entry), name):
         return None
     # The memory is as it was found: text in it may be none, so it is not read.
     value = "" if name == "label" else getattr(entry, name)
     if isinstance(value, np.ndarray):
-        return _address(value) - start
+        return _address(value) - position
     quiet, loud = {str: ("", "x"), float: (0.0, _FLOAT)}.get(type(value), (0, 1))
     setattr(entry, name, quiet)
     before = around.copy()
@@ -98,4 +114,4 @@ def _place(entry: Any, name: str, around: NDArray[np.uint8], start: int) -> int 
     changed = np.flatnonzero(before != around)
     if not len(changed):
         raise UnsupportedError(f"scene of this MuJoCo: found no place for {name} in its records")
-    return int(changed[0])
+    return int(changed[0]) - len(around) // 2

@@ -15,13 +15,11 @@ from vhs._core import (
     ArgumentError,
     ProtocolError,
     RasterCanvas,
-    RasterSource,
     ShapeError,
     UnsupportedError,
 )
-from vhs.raster.assets import Assets
+from vhs.raster.assets import Assets, source_of
 from vhs.raster.cameras import Cameras
-from vhs.raster.records import GEOM_FIELDS, LIGHT_FIELDS, records_of
 from vhs.raster.softs import softs_of
 
 if TYPE_CHECKING:
@@ -87,12 +85,7 @@ class RasterRenderer:
         self._antialias = modes[antialias]
         self._has_sky = has_sky
         self._mode: Literal["colour", "depth", "segmentation"] = "colour"
-        # Three records at least: finding the places of their fields needs them.
-        self._scene = mujoco.MjvScene(model, max(3, max_geom))
-        self._records = (
-            records_of(self._scene.geoms, GEOM_FIELDS),
-            records_of(self._scene.lights, LIGHT_FIELDS),
-        )
+        self._scene = mujoco.MjvScene(model, max(1, max_geom))
         self._option = mujoco.MjvOption()
         self._cameras = Cameras(mujoco, model)
         self._canvas: RasterCanvas | None = None
@@ -102,13 +95,7 @@ class RasterRenderer:
         """Reads meshes, textures, height fields and settings again, after they were changed in the model."""
         model = self._model
         assets = Assets.of(model, self._has_sky)
-        (geoms, geom_places), (lights, light_places) = self._records
-        source = RasterSource(
-            geoms=geoms, geom_places=geom_places, lights=lights, light_places=light_places,
-            flags=self._scene.flags, geom_size=model.geom_size, mat_texid=model.mat_texid,
-            mat_texuniform=model.mat_texuniform.view(np.uint8), mat_texrepeat=model.mat_texrepeat,
-            textures=assets.textures, meshes=assets.meshes, line_width=model.vis.global_.linewidth,
-        )  # fmt: skip
+        source = source_of(self._mujoco, model, self._scene, assets)
         self._canvas = RasterCanvas(assets.scene, source, self._height, self._width, self._antialias)
         self._has_softs = bool(model.nskin or model.nflex)
         self._bound: Any = None

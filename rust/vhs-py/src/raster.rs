@@ -192,13 +192,14 @@ impl RasterCanvas {
     ) -> PyResult<()> {
         let mut state = self.lock();
         let state = &mut *state;
-        let feed = state.feed.as_ref();
-        let feed = feed.ok_or_else(|| protocol("update", "a bound simulation", "none"))?;
-        let [position, forward, up] = match gaze {
-            Some(gaze) => gaze,
-            None => feed.gaze_of(py, fixed)?,
+        let [position, forward, up] = match (gaze, &state.feed) {
+            (Some(gaze), _) => gaze,
+            (None, Some(feed)) => feed.gaze_of(py, fixed)?,
+            (None, None) => return Err(protocol("update", "a bound simulation", "none")),
         };
-        feed.read_poses(py, &mut state.poses)?;
+        if let Some(feed) = &state.feed {
+            feed.read_poses(py, &mut state.poses)?;
+        }
         let camera = Camera {
             position,
             forward,
@@ -245,15 +246,16 @@ impl RasterCanvas {
     }
 
     #[doc = stub!("RasterCanvas.take")]
-    fn take(&self, py: Python<'_>, geoms: usize, lights: usize) -> PyResult<()> {
+    #[pyo3(signature = (geoms, lights, is_numbered = false))]
+    fn take(&self, py: Python<'_>, geoms: usize, lights: usize, is_numbered: bool) -> PyResult<()> {
         let source = self.source.get();
-        let effects = source.effects(py)?;
+        let effects = source.effects(py, is_numbered)?;
         let mut state = self.lock();
         let state = &mut *state;
         state.geoms.clear();
         state.lights.clear();
         let about = (&state.poses, &state.softs);
-        source.read_geoms(py, geoms, about, &mut state.geoms)?;
+        source.read_geoms(py, geoms, about, is_numbered, &mut state.geoms)?;
         source.read_lights(py, lights, &mut state.lights)?;
         let view = &mut state.view;
         view.set_effects(effects);

@@ -123,6 +123,8 @@ pub(crate) struct Context<'a> {
     /// Width of lines in pixels.
     pub(crate) line_width: f32,
     pub(crate) softs: &'a Softs,
+    /// Whether tags are the numbers that MuJoCo gives for segmentation, instead of objects.
+    pub(crate) is_numbered: bool,
 }
 
 /// Surfaces that bend at this moment.
@@ -191,6 +193,7 @@ fn geom_of(record: &Record<'_, GEOM_FIELDS>, context: &Context<'_>) -> Result<Ge
         Some((_, rotation)) if is_rounded(&rotation, &rounded_rotation) => rotation,
         _ => rounded_rotation.map(f64::from),
     };
+    let number = record.int(G::SegId as usize);
     let is_line = matches!(shape, Shape::Line { .. });
     let is_decor = record.int(G::Category as usize) == CATEGORY_DECOR;
     Ok(Geom {
@@ -198,7 +201,11 @@ fn geom_of(record: &Record<'_, GEOM_FIELDS>, context: &Context<'_>) -> Result<Ge
         surface: surface_of(record, context)?,
         position,
         rotation,
-        tag: (record.int(G::SegId as usize) >= 0).then_some(object),
+        tag: (number >= 0).then_some(if context.is_numbered {
+            [number, 0]
+        } else {
+            object
+        }),
         casts_shadow: !is_decor && !is_line && record.flag(G::CastShadow as usize, true),
     })
 }

@@ -102,6 +102,7 @@ impl RasterSource {
         py: Python<'_>,
         count: usize,
         (poses, softs): (&Poses, &Softs),
+        is_numbered: bool,
         geoms: &mut Vec<Geom>,
     ) -> PyResult<()> {
         let size = self.geom_size.bind(py).readonly();
@@ -124,6 +125,7 @@ impl RasterSource {
             meshes: &self.meshes,
             line_width: self.line_width,
             softs,
+            is_numbered,
         };
         let Records { bytes, places } = &self.geoms;
         with_first(py, bytes, count, |records, stride| {
@@ -146,7 +148,7 @@ impl RasterSource {
     }
 
     /// What is switched on, by the flags of the scene.
-    pub(crate) fn effects(&self, py: Python<'_>) -> PyResult<Effects> {
+    pub(crate) fn effects(&self, py: Python<'_>, is_numbered: bool) -> PyResult<Effects> {
         let flags = self.flags.bind(py).readonly();
         let flags = flags.as_slice().map_err(gaps("flags"))?;
         let is_on = |flag: usize| flags.get(flag).is_some_and(|&flag| flag != 0);
@@ -155,7 +157,7 @@ impl RasterSource {
             ("additive transparency", is_on(FLAG_ADDITIVE)),
             (
                 "segmentation by flags (enable_segmentation_rendering() gives it)",
-                is_on(FLAG_SEGMENT),
+                is_on(FLAG_SEGMENT) && !is_numbered,
             ),
             (
                 "faces seen from behind (mjRND_CULL_FACE off)",
