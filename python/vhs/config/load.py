@@ -4,30 +4,46 @@ from __future__ import annotations
 
 import copy
 import difflib
+import reprlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from vhs.config.schema import Config
+from vhs.config.yaml12 import dump_yaml, parse_yaml
 from vhs.errors import ConfigError
+from vhs.reading import read_bounded
+
+_Schema = TypeVar("_Schema", bound=BaseModel)
+
+MOST_BYTES = 200_000
+"""Of a configuration file."""
+
+_SHORT = reprlib.Repr()
+"""Shows what a person wrote, and of more than that the beginning."""
+_SHORT.maxlevel, _SHORT.maxstring, _SHORT.maxother = 3, 80, 80
+_SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = 12
 
 
-def load_config(paths: Sequence[Path | str] = (), overrides: Iterable[str] = ()) -> Config:
+def load_config(
+    paths: Sequence[Path | str] = (), overrides: Iterable[str] = (), *, may_be_pipe: bool = True
+) -> Config:
     """Resolve a configuration: defaults, then each file in order, then each ``key=value``.
 
     Args:
         paths: YAML files, each a mapping of some of the sections of `Config`.
         overrides: dotted assignments such as ``train.learning_rate=1e-4``.
+        may_be_pipe: whether a path may lead to something else than a regular file; not for files of others.
 
     Raises:
         ConfigError: a file that cannot be read, an unknown key (the nearest right one is named), a value of
             the wrong type or out of range.
     """
-    trees = [read_yaml(Path(path)) for path in paths]
+    trees = [read_yaml(Path(path), may_be_pipe=may_be_pipe) for path in paths]
     return resolve_config([*trees, *(nest(*parse_assignment(text)) for text in overrides)])
 
 
@@ -40,28 +56,58 @@ def resolve_config(trees: Iterable[Mapping[str, Any]]) -> Config:
     tree: dict[str, Any] = {}
     for overlay in trees:
         _merge(tree, copy.deepcopy(overlay))
+    return validate(Config, tree, list(known_keys()))
+
+
+def validate(schema: type[_Schema], tree: Mapping[str, Any], keys: Sequence[str]) -> _Schema:
+    """A nested mapping as what a schema describes.
+
+    Args:
+        schema: of the whole mapping.
+        tree: values as `parse_yaml` gives them.
+        keys: the known ones, for the nearest one to an unknown one.
+
+    Raises:
+        ConfigError: a line for each thing that is wrong.
+    """
     try:
-        return Config.model_validate(tree)
+        found = schema.model_validate(tree)
     except ValidationError as error:
-        raise ConfigError(explain(error, list(known_keys()))) from None
+        raise ConfigError("\n".join(_explain(detail, keys) for detail in error.errors())) from None
+    wrong = list(_truths(tree, found.model_dump()))
+    if wrong:
+        raise ConfigError("\n".join(f"{key}: expected a number, found {shown}" for key, shown in wrong))
+    return found
+
+
+def _truths(given: Any, taken: Any, where: str = "") -> Iterator[tuple[str, str]]:
+    """Where true or false was taken for 1 or 0, which pydantic does and no person means."""
+    if isinstance(given, bool) and type(taken) in (int, float):
+        yield where, str(given).lower()
+    elif isinstance(given, Mapping) and isinstance(taken, Mapping):
+        for key in given.keys() & taken.keys():
+            yield from _truths(given[key], taken[key], f"{where}.{key}" if where else str(key))
+    elif isinstance(given, list | tuple) and isinstance(taken, list | tuple):
+        for index, pair in enumerate(zip(given, taken, strict=False)):
+            yield from _truths(*pair, f"{where}.{index}")
 
 
 def dump_config(config: Config) -> str:
     """The configuration as YAML that `load_config` reads back to the same value."""
-    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+    return dump_yaml(config.model_dump(mode="json"))
 
 
-def read_yaml(path: Path) -> dict[str, Any]:
-    """A YAML file that holds a mapping.
+def read_yaml(path: Path, *, may_be_pipe: bool = True) -> dict[str, Any]:
+    """A YAML file that holds a mapping; `may_be_pipe` as for `load_config`.
 
     Raises:
         ConfigError: it cannot be read, or holds something else.
     """
     try:
-        tree = _parse_yaml(path.read_text(encoding="utf-8"))
+        tree = parse_yaml(read_bounded(path, MOST_BYTES, may_be_pipe=may_be_pipe).decode())
     except OSError as error:
         raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError) as error:
         raise ConfigError(f"{path}: expected YAML, found {error}") from error
     if tree is None:
         return {}
@@ -80,31 +126,10 @@ def parse_assignment(assignment: str) -> tuple[str, Any]:
     if not equals or not key.strip():
         raise ConfigError(f"--set: expected key=value, found {assignment!r}")
     try:
-        value = _parse_yaml(text)
+        value = parse_yaml(text)
     except yaml.YAMLError as error:
         raise ConfigError(f"--set {key}: expected a YAML value, found {text!r}") from error
     return key.strip(), value
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML in which a mapping has a key once, as the standard says; PyYAML lets the last one win."""
-
-    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
-        """The node of a mapping, before keys are merged into it; an error at the second of two equal keys."""
-        node = super().compose_mapping_node(anchor)
-        seen = set()
-        for key, _ in node.value:
-            if isinstance(key, yaml.ScalarNode):
-                if (key.tag, key.value) in seen:
-                    raise yaml.constructor.ConstructorError(
-                        None, None, f"a second `{key.value}`", key.start_mark
-                    )
-                seen.add((key.tag, key.value))
-        return node
-
-
-def _parse_yaml(text: str) -> Any:
-    return yaml.load(text, Loader=_Loader)
 
 
 def nest(key: str, value: Any) -> dict[str, Any]:
@@ -123,11 +148,6 @@ def _merge(tree: dict[str, Any], overlay: Mapping[str, Any]) -> None:
             tree[key] = value
 
 
-def explain(error: ValidationError, keys: Sequence[str]) -> str:
-    """A line for each thing that is wrong: expected and found; `keys` are the known ones."""
-    return "\n".join(_explain(detail, keys) for detail in error.errors())
-
-
 def _explain(detail: ErrorDetails, keys: Sequence[str]) -> str:
     where = ".".join(str(part) for part in detail["loc"])
     if detail["type"] == "extra_forbidden":
@@ -135,7 +155,7 @@ def _explain(detail: ErrorDetails, keys: Sequence[str]) -> str:
     if detail["type"] == "value_error":
         return str(detail["ctx"]["error"])
     found = detail["input"]
-    shown = "nothing" if found is None else repr(found)
+    shown = "nothing" if found is None else _SHORT.repr(found)
     return f"{where}: expected {_expected(detail['msg'])}, found {shown}"
 
 

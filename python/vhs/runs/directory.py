@@ -116,7 +116,7 @@ def read_config(run: Path) -> Config:
     if not path.exists():
         raise CheckpointError(f"{run}: expected the directory of a run, found no {CONFIG_NAME} in it")
     try:
-        return load_config([path])
+        return load_config([path], may_be_pipe=False)
     except ConfigError as error:
         raise CheckpointError(f"{path}: damaged configuration: {error}") from error
 

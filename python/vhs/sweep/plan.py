@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import yaml
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from vhs.config import Config, known_keys, resolve_config
-from vhs.config.load import explain, nest, parse_assignment, read_yaml
+from vhs.config.load import nest, parse_assignment, read_yaml, validate
 from vhs.config.variants import describe_keys, differing_keys, flat_config
+from vhs.config.yaml12 import dump_yaml
 from vhs.errors import ConfigError
 
 RESERVED = {
@@ -105,10 +105,9 @@ def read_sweep(path: Path, overrides: Iterable[str] = ()) -> Sweep:
     if assigned and isinstance(tree.setdefault("set", {}), dict):
         tree["set"] |= assigned
     try:
-        return Sweep.model_validate(tree)
-    except ValidationError as error:
-        keys = [*known_keys(Sweep), *known_keys(GridSection, "grids.")]
-        raise ConfigError(f"{path}: {explain(error, keys)}") from None
+        return validate(Sweep, tree, [*known_keys(Sweep), *known_keys(GridSection, "grids.")])
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
 
 
 def plan_runs(path: Path, sweep: Sweep, cores_per_run: int) -> list[PlannedRun]:
@@ -185,11 +184,6 @@ def _name(plain: Config | None, config: Config, own: Iterable[str]) -> str:
 def _arguments(bases: list[Path], keys: Mapping[str, Any]) -> tuple[str, ...]:
     files = itertools.chain.from_iterable(("--config", str(base)) for base in bases)
     assignments = itertools.chain.from_iterable(
-        ("--set", f"{key}={_yaml(value)}") for key, value in keys.items()
+        ("--set", f"{key}={dump_yaml(value, on_one_line=True)}") for key, value in keys.items()
     )
     return (*files, *assignments)
-
-
-def _yaml(value: Any) -> str:
-    """A value as one line of YAML."""
-    return yaml.safe_dump(value, default_flow_style=True, width=2**31).removesuffix("...\n").strip()
