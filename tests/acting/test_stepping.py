@@ -12,6 +12,7 @@ import torch
 
 from vhs.acting.stepping import PooledRooms
 from vhs.config import Config, load_config
+from vhs.runs.checkpoint import load_checkpoint
 from vhs.runs.rows import read_log
 from vhs.train import train
 from vhs.train.build import make_rooms
@@ -29,7 +30,7 @@ def test_lock_step_gives_the_same_weights_for_any_number_of_workers(tmp_path: Pa
     for workers in (0, 1, 2):
         run = tmp_path / str(workers)
         train(debug_config(f"env.num_workers={workers}"), run, StringIO())
-        state = torch.load(run / "checkpoints" / "episode-000000040" / "state.pt", weights_only=True)
+        state, _ = load_checkpoint(run)
         weights.append(state["learner"]["agent"])
     for other in weights[1:]:
         for name, value in weights[0].items():

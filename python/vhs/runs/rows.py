@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from vhs.errors import CheckpointError
+from vhs.reading import read_bounded
 
 LOG_NAME = "log.jsonl"
+_MOST_BYTES = 2**30
 
 Row = dict[str, Any]
 
@@ -32,11 +34,12 @@ def read_log(run: Path, on_damage: Callable[[CheckpointError], None] = _refuse) 
     """
     path = run / LOG_NAME
     try:
-        whole = path.read_bytes().split(b"\n")[:-1]
+        whole = read_bounded(path, _MOST_BYTES).split(b"\n")[:-1]
     except FileNotFoundError:
         return []
-    except OSError as error:
-        on_damage(CheckpointError(f"{path}: cannot be read: {error.strerror}"))
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else error
+        on_damage(CheckpointError(f"{path}: cannot be read: {why}"))
         return []
     rows: list[Row] = []
     for number, line in enumerate(whole, 1):

@@ -10,6 +10,7 @@ from typing import Any, TextIO
 
 from vhs.console import Output
 from vhs.runs.log import BoardLog, JsonLog, Logger, finite
+from vhs.runs.rows import LOG_NAME
 from vhs.train.display import TrainingDisplay
 
 
@@ -40,6 +41,7 @@ class TrainingLog:
             OutputError: the log cannot be written.
         """
         kept = first_episode if logged is None else logged
+        is_lost = kept > 0 and not (run / LOG_NAME).exists()
         with ExitStack() as opened:
             self._rows = opened.enter_context(closing(JsonLog(run, kept)))
             board = opened.enter_context(closing(BoardLog(run, kept)))
@@ -48,6 +50,8 @@ class TrainingLog:
             )
             self._loggers: list[Logger] = [self._rows, board, self._display]
             self._opened = opened.pop_all()
+        if is_lost:
+            self.say(f"{run / LOG_NAME}: is gone; the log goes on behind episode {kept}")
 
     def advance(self, episodes: int) -> None:
         """Move the bar."""
