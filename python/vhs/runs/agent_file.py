@@ -35,7 +35,9 @@ def encode_agent(learner: VHS, metadata: Mapping[str, str]) -> bytes:
         name: _halved(value) if name.startswith(_AGENT) else value
         for name, value in _tensors(learner).items()
     }
-    described = {**metadata, "format": FORMAT}
+    # A command may name a path that is not UTF-8, which the file has to be.
+    described = {key: value.encode(errors="replace").decode() for key, value in metadata.items()}
+    described["format"] = FORMAT
     return save(tensors, {**described, _DIGEST: _digest(tensors, described)})
 
 

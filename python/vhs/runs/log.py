@@ -94,6 +94,15 @@ class BoardLog:
         with writing(self._path):
             self._board = SummaryWriter(str(self._path), purge_step=kept + 1 if kept else None)
 
+    @staticmethod
+    def takes(run: Path) -> bool:
+        """Whether TensorBoard can write there at all."""
+        try:
+            str(run).encode()
+        except UnicodeEncodeError:
+            return False
+        return True
+
     def write(self, row: Mapping[str, Any]) -> None:
         """Add the numbers of a row."""
         with writing(self._path):

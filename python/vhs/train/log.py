@@ -44,11 +44,14 @@ class TrainingLog:
         is_lost = kept > 0 and not (run / LOG_NAME).exists()
         with ExitStack() as opened:
             self._rows = opened.enter_context(closing(JsonLog(run, kept)))
-            board = opened.enter_context(closing(BoardLog(run, kept)))
             self._display = opened.enter_context(
                 closing(TrainingDisplay(Output(stream), total_episodes, first_episode))
             )
-            self._loggers: list[Logger] = [self._rows, board, self._display]
+            self._loggers: list[Logger] = [self._rows, self._display]
+            if BoardLog.takes(run):
+                self._loggers.append(opened.enter_context(closing(BoardLog(run, kept))))
+            else:
+                self.say(f"{run}: no TensorBoard events: it takes no path that is not UTF-8")
             self._opened = opened.pop_all()
         if is_lost:
             self.say(f"{run / LOG_NAME}: is gone; the log goes on behind episode {kept}")
