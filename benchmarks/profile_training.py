@@ -21,11 +21,14 @@ from typing import Any
 
 import torch
 
-import vhs.learning.learner
+import vhs.learning.terms
 from vhs import RasterRenderer
 from vhs.acting.actor import Actor
-from vhs.acting.stepping import LocalRooms
+from vhs.acting.stepping import LocalStepping
 from vhs.config import load_config
+from vhs.envs import RoomEnv
+from vhs.learning.goals import ClassGoals
+from vhs.learning.learner import Learner
 from vhs.models import FeatureExtractor
 from vhs.train import loop
 from vhs.train.log import TrainingLog
@@ -72,8 +75,8 @@ def main() -> None:
     parser.add_argument("--warm", type=float, default=10.0, help="seconds before the clock starts")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    overrides = ["env.num_workers=0", "method.warmup=16", *options.set]
-    config = load_config(options.config, overrides)
+    config = load_config(options.config, ["env.num_workers=0", *options.set])
+    config = config.model_copy(update={"method": config.method.model_copy(update={"warmup": 16})})
     watch = Stopwatch()
     _instrument(watch)
     torch.set_num_threads(config.train.threads)
@@ -107,16 +110,16 @@ def _advance(session: Any, log: TrainingLog, seconds: float) -> float:
 
 
 def _instrument(watch: Stopwatch) -> None:
-    learner = vhs.learning.learner.VHS
-    watch.wrap(LocalRooms, "send", "rooms: physics, rest")
-    watch.wrap(LocalRooms, "reset", "rooms: reset")
+    watch.wrap(LocalStepping, "recv", "rooms: physics, rest")
+    watch.wrap(RoomEnv, "reset", "rooms: reset")
     watch.wrap(RasterRenderer, "render", "rooms: drawing")
     watch.wrap(Actor, "act", "acting: the rest")
-    watch.wrap(learner, "_step", "optimiser, clip")
-    watch.wrap(learner, "_episode_losses", "LSTM, heads, RL and VHS loss")
-    watch.wrap(learner, "_sample_goals", "goal images")
-    watch.wrap(learner, "update", "update: the rest")
-    watch.wrap(vhs.learning.learner, "supcon_loss", "SupCon loss")
+    watch.wrap(Learner, "_step", "optimiser, clip")
+    watch.wrap(Learner, "_forward", "LSTM, heads")
+    watch.wrap(Learner, "_evaluate", "RL and VHS loss")
+    watch.wrap(ClassGoals, "batch", "goal images")
+    watch.wrap(Learner, "update", "update: the rest")
+    watch.wrap(vhs.learning.terms, "supcon_loss", "SupCon loss")
     watch.wrap(torch.Tensor, "backward", "backward")
     watch.wrap(FeatureExtractor, "forward", "extractor forward")
 

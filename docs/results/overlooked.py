@@ -17,13 +17,14 @@ import mujoco
 import numpy as np
 
 from vhs import Outcome, RasterRenderer
-from vhs.acting.episodes import Rollout, episode_seeds
-from vhs.acting.policy import TrainedAgent, load_agent
-from vhs.acting.stepping import LocalRooms
+from vhs.acting.episodes import Episodes
+from vhs.acting.policy import Policy, load_agent
+from vhs.acting.seeds import episode_seeds
+from vhs.acting.setup import make_buffer, make_env
+from vhs.acting.stepping import LocalStepping
 from vhs.envs import OBJECT_NAMES, RoomEnv
 from vhs.envs.robot import CAMERA
 from vhs.runs.directory import describe
-from vhs.train.build import make_buffer, make_envs
 
 BINS_PX = (0, 25, 50, 75, 100, 150, 84 * 84)
 HEADINGS = 8
@@ -51,18 +52,18 @@ class Visible:
         return int((np.isin(ids, geoms) & (kinds == int(mujoco.mjtObj.mjOBJ_GEOM))).sum())
 
 
-def watch(trained: TrainedAgent, episodes: int, seed: int, greedy: bool) -> list[dict[str, Any]]:
+def watch(trained: Policy, episodes: int, seed: int, greedy: bool) -> list[dict[str, Any]]:
     """Play as `vhs eval` does, then look at each episode again."""
-    envs = make_envs(trained.config, 16)
-    buffer = make_buffer(trained.config, envs[0], len(envs), len(envs))
+    envs = [make_env(trained.task, trained.spec) for _ in range(16)]
+    buffer = make_buffer(trained.config, trained.spec, len(envs), len(envs))
     seeds = islice(episode_seeds(seed, purpose=1), episodes)
-    actor, embed = trained.actor(seed, greedy, len(envs)), trained.learner.embed_goal
-    rollout = Rollout(LocalRooms(envs), len(envs), actor, buffer, embed, seeds)
-    room: RoomEnv = make_envs(trained.config, 1)[0].unwrapped  # type: ignore[assignment]
+    played = Episodes(LocalStepping(envs), trained.player(buffer, seed, greedy), buffer, seeds)
+    played.start()
+    room: RoomEnv = trained.task.make().unwrapped  # type: ignore[assignment]
     visible = Visible(room)
     records = []
-    while not rollout.is_done:
-        for ended in rollout.step():
+    while not played.is_done:
+        for ended in played.step():
             actions = buffer.gather(np.array([ended.id], dtype=np.int64)).actions[0].tolist()
             records.append(_look(room, visible, ended.seed, actions, Outcome(ended.outcome)))
     return records

@@ -35,8 +35,8 @@ from vhs._core import (
     stack_channels,
 )
 from vhs._core import __version__ as __version__
-from vhs.outcome import Outcome
 from vhs.raster import RasterRenderer
+from vhs.task import Outcome, Seen, Task, TaskSpec
 
 if TYPE_CHECKING:
     from vhs.recorder import HindsightRecorder
@@ -65,8 +65,11 @@ __all__ = [
     "RasterRenderer",
     "Rng",
     "RolloutPool",
+    "Seen",
     "ShapeError",
     "SparseReward",
+    "Task",
+    "TaskSpec",
     "TransitionBatch",
     "UnsupportedError",
     "VhsError",

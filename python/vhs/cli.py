@@ -61,7 +61,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_compare(commands.add_parser("compare", help="compare trained agents over their seeds"))
     _add_play(commands.add_parser("play", help="watch a trained agent, or drive the robot"))
     _add_report(commands.add_parser("report", help="write a page about a run, or about several"))
-    _add_bench(commands.add_parser("bench", help="measure how fast this machine steps the rooms and trains"))
+    _add_bench(
+        commands.add_parser("bench", help="measure how fast this machine steps the environments and trains")
+    )
     return parser
 
 
@@ -298,8 +300,8 @@ def _bench(options: argparse.Namespace) -> int:
     options.say(
         f"{speed.task}, {speed.method}; {speed.cores} cores, {speed.threads} thread(s), {speed.precision}"
     )
-    options.say(f"rooms alone  {speed.rooms_steps_per_s:7.0f} steps/s")
-    options.say(f"training     {speed.steps_per_s:7.0f} steps/s, {speed.episodes_per_s:.0f} episodes/s")
+    options.say(f"environments alone {speed.environments_steps_per_s:7.0f} steps/s")
+    options.say(f"training           {speed.steps_per_s:7.0f} steps/s, {speed.episodes_per_s:.0f} episodes/s")
     options.say(
         f"{config.train.episodes} episodes take about {speed.minutes:.0f} minutes, if they stay as long"
     )

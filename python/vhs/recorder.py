@@ -11,17 +11,26 @@ always has it. It needs gymnasium; `import vhs` alone does not import it.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from os import PathLike
 from typing import Any, Literal, SupportsFloat
 
 import gymnasium
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 
-from vhs._core import ArgumentError, EpisodeBuffer, ProtocolError
-from vhs.outcome import Outcome
+from vhs._core import EpisodeBuffer, ProtocolError
+from vhs.buffer import make_buffer as buffer_of
+from vhs.task import (
+    GoalDict,
+    GoalReader,
+    Instruction,
+    Judge,
+    Outcome,
+    Seen,
+    default_outcome,
+    read_spec,
+    reader_of,
+)
 
 __all__ = [
     "GoalDict",
@@ -33,71 +42,6 @@ __all__ = [
     "make_buffer",
     "reader_of",
 ]
-
-Judge = Callable[[float, bool, bool, dict[str, Any]], Outcome]
-"""(reward, terminated, truncated, info) of the last step -> outcome."""
-
-
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """What an observation says, for the buffer."""
-
-    frame: NDArray[Any]
-    """What to store, of the buffer's `frame_shape`; a number is stored as [1]."""
-    label: int = 0
-    """Instructed goal class."""
-    interaction: int = 0
-    """Instructed interaction."""
-    desired_goal: NDArray[Any] | None = None
-    """The goal told, where goals are observations or vectors; one frame stands for a stack of it."""
-    achieved_goal: NDArray[Any] | None = None
-    """The goal reached, where goals are vectors."""
-
-
-GoalReader = Callable[[Any], Seen]
-"""Observation -> what it says."""
-
-
-@dataclass(frozen=True, slots=True)
-class GoalDict:
-    """Reads the dictionaries of goal-conditioned environments (gymnasium-robotics `GoalEnv`)."""
-
-    def __call__(self, observation: dict[str, Any]) -> Seen:
-        """The observation's three entries."""
-        return Seen(
-            frame=np.asarray(observation["observation"]),
-            desired_goal=np.asarray(observation["desired_goal"]),
-            achieved_goal=np.asarray(observation["achieved_goal"]),
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Instruction:
-    """Reads an image and an instruction: each an entry's name, or a function of the observation."""
-
-    image: str | Callable[[Any], NDArray[Any]] = "image"
-    goal: str | Callable[[Any], int | NDArray[Any]] = "goal"
-    """Goal class, or a picture of the goal, of the image's shape."""
-    interaction: str | Callable[[Any], int] | None = None
-    """Interaction; None where the task has none."""
-
-    def __call__(self, observation: Any) -> Seen:
-        """The image, the goal and the interaction.
-
-        Raises:
-            ArgumentError: For a goal that is neither an integer nor of the image's shape.
-        """
-        interaction = 0 if self.interaction is None else int(_entry(observation, self.interaction))
-        image = np.asarray(_entry(observation, self.image))
-        goal = np.asarray(_entry(observation, self.goal))
-        if goal.ndim == 0 and goal.dtype.kind in "biu":
-            return Seen(image, int(goal), interaction)
-        if goal.shape == image.shape:
-            return Seen(image, interaction=interaction, desired_goal=goal)
-        raise ArgumentError(
-            f"`goal`: expected a class number or a picture of the image's shape {list(image.shape)}, "
-            f"got {goal.dtype} {list(goal.shape)}"
-        )
 
 
 class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -209,40 +153,6 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         return goal
 
 
-def default_outcome(reward: float, terminated: bool, truncated: bool, info: dict[str, Any]) -> Outcome:
-    """What the environment says, in the first of these ways that it has.
-
-    `info["outcome"]`, a name; `info["is_success"]` or `info["success"]`, where not true a terminated episode
-    is a failure and another a timeout; terminated with a positive reward is a success, with another a
-    failure; the rest is a timeout.
-    """
-    if "outcome" in info:
-        return Outcome.from_name(info["outcome"])
-    for word in ("is_success", "success"):
-        if word in info:
-            return Outcome.SUCCESS if info[word] else Outcome.FAILURE if terminated else Outcome.TIMEOUT
-    if terminated:
-        return Outcome.SUCCESS if reward > 0 else Outcome.FAILURE
-    return Outcome.TIMEOUT
-
-
-def reader_of(space: spaces.Space[Any]) -> GoalReader:
-    """The reader that fits an observation space.
-
-    Raises:
-        ArgumentError: For a space that says nothing of goals.
-    """
-    entries = set(space.spaces) if isinstance(space, spaces.Dict) else set()
-    if {"observation", "achieved_goal", "desired_goal"} <= entries:
-        return GoalDict()
-    if {"image", "goal"} <= entries:
-        return Instruction(interaction="interaction" if "interaction" in entries else None)
-    raise ArgumentError(
-        "`reader`: expected one for an observation space without achieved_goal and desired_goal, or image "
-        f"and goal, got None for {space}"
-    )
-
-
 def make_buffer(
     env: gymnasium.Env[Any, Any],
     *,
@@ -275,53 +185,22 @@ def make_buffer(
             are neither numbered nor real.
     """
     observation, _ = env.reset()
-    seen = (reader or reader_of(env.observation_space))(observation)
-    limit = max_episode_steps or (env.spec.max_episode_steps if env.spec else None)
-    if limit is None:
-        raise ArgumentError("`max_episode_steps`: expected a number, got None from the environment")
-    frame = np.atleast_1d(seen.frame)
-    vectors: dict[str, Any] = {}
-    if seen.achieved_goal is not None:
-        goal = np.atleast_1d(seen.achieved_goal)
-        vectors = {"goals": "vectors", "goal_shape": goal.shape, "goal_dtype": _stored(goal.dtype)}
-    elif seen.desired_goal is not None:
-        vectors = {"goals": "observations"}
-    numbered, dim = _actions(env.action_space)
-    return EpisodeBuffer(
-        frame.shape,
-        num_streams=num_streams,
-        max_episode_steps=limit,
+    spec = read_spec(
+        env,
+        observation,
+        reader=reader,
+        max_episode_steps=max_episode_steps,
+        num_goals=num_goals,
+        interactions=num_interactions,
+    )
+    return buffer_of(
+        spec,
         capacity_steps=capacity_steps,
+        num_streams=num_streams,
         frame_stack=frame_stack,
-        num_goals=_goal_classes(env.observation_space) if num_goals is None else num_goals,
-        num_interactions=num_interactions,
-        first_interaction_action=numbered - num_interactions,
-        dtype=_stored(frame.dtype),
-        action_dim=dim,
         backing=backing,
         seed=seed,
-        **vectors,
     )
-
-
-def _goal_classes(space: spaces.Space[Any]) -> int:
-    goal = space.spaces.get("goal") if isinstance(space, spaces.Dict) else None
-    return int(goal.start + goal.n) if isinstance(goal, spaces.Discrete) else 1
-
-
-def _actions(space: spaces.Space[Any]) -> tuple[int, int]:
-    """Numbered actions and numbers in a continuous action; the latter 0 where actions are numbered."""
-    if isinstance(space, spaces.Discrete):
-        return int(space.n), 0
-    if isinstance(space, spaces.Box):
-        # A buffer of continuous actions still has one numbered action, which nobody takes.
-        return 1, int(np.prod(space.shape))
-    raise ArgumentError(f"`env`: expected Discrete or Box actions, got {space}")
-
-
-def _stored(dtype: np.dtype[Any]) -> np.dtype[Any]:
-    """The type in which a buffer keeps numbers of this one."""
-    return np.dtype(np.uint8) if dtype == np.bool_ else dtype
 
 
 def _converted(array: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -330,7 +209,3 @@ def _converted(array: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
     # numpy counts integers of every width as one kind, and lets them wrap around.
     rule: Literal["safe", "same_kind"] = "same_kind" if dtype.kind == "f" else "safe"
     return array.astype(dtype, copy=False) if np.can_cast(array.dtype, dtype, rule) else array
-
-
-def _entry(observation: Any, entry: str | Callable[[Any], Any]) -> Any:
-    return observation[entry] if isinstance(entry, str) else entry(observation)

@@ -12,8 +12,9 @@ from typing import Any
 
 import pytest
 import torch
+from debug import DEBUG, debug_config
 
-from vhs.config import Config, load_config
+from vhs.config import Config
 from vhs.errors import CheckpointError
 from vhs.runs.checkpoint import load_checkpoint, read_checkpoint, save_checkpoint
 from vhs.runs.directory import open_run
@@ -22,7 +23,6 @@ from vhs.train import train
 from vhs.train.log import TrainingLog
 from vhs.train.loop import Session
 
-DEBUG = Path(__file__).parents[2] / "configs" / "debug.yaml"
 EPISODES = 80
 CLOCKS = {"time/minutes", "speed/steps_per_s"}
 # After every update, so that saving is what a kill hits.
@@ -30,7 +30,7 @@ OFTEN = "train.checkpoint_every_s=1e-6"
 
 
 def configured(*overrides: str) -> Config:
-    return load_config([DEBUG], [f"train.episodes={EPISODES}", "env.num_workers=0", *overrides])
+    return debug_config(f"train.episodes={EPISODES}", "env.num_workers=0", *overrides)
 
 
 def test_a_checkpoint_that_another_process_made_since_is_not_gone_back_from(tmp_path: Path) -> None:
@@ -147,7 +147,7 @@ def test_a_run_stopped_by_ctrl_c_equals_the_uninterrupted_one(
 
     def interrupted(self: Session, log: TrainingLog) -> None:
         advance(self, log)
-        if self.progress.episodes > 44 and self._waiting and self._rollout._running:
+        if self.progress.episodes > 44 and self.num_waiting and self.num_running:
             signal.raise_signal(signal.SIGINT)
 
     with monkeypatch.context() as patch:
@@ -173,7 +173,7 @@ def test_a_finished_run_that_is_asked_for_more_equals_the_uninterrupted_one(
     assert_same(run, straight)
 
 
-def test_a_run_that_waits_for_some_rooms_only_resumes_too(tmp_path: Path) -> None:
+def test_a_run_that_waits_for_some_environments_only_resumes_too(tmp_path: Path) -> None:
     some = ("env.num_workers=1", "env.min_ready=2")
     train(configured(*some, "train.episodes=12"), tmp_path / "run", StringIO())
     assert train(configured(*some, "train.episodes=44"), tmp_path / "run", StringIO())

@@ -1,4 +1,4 @@
-"""Who steps the rooms makes no difference: this process, one worker, two, or a worker that is killed."""
+"""Who steps the environments makes no difference: this process, one worker, two, or one that is killed."""
 
 import os
 import signal
@@ -9,27 +9,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from debug import debug_config
 
-from vhs.acting.stepping import PooledRooms
-from vhs.config import Config, load_config
+from vhs.acting.setup import make_stepping, task_of
+from vhs.acting.stepping import PooledStepping, Stepping
 from vhs.runs.checkpoint import load_checkpoint
 from vhs.runs.rows import read_log
 from vhs.train import train
-from vhs.train.build import make_rooms
 
 pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="worker processes need Linux")
-CONFIGS = Path(__file__).parents[2] / "configs"
 
 
-def debug_config(*overrides: str) -> Config:
-    return load_config([CONFIGS / "debug.yaml"], ["train.episodes=40", *overrides])
+def stepped(workers: int, count: int) -> Stepping:
+    config = debug_config(f"env.num_workers={workers}")
+    task = task_of(config)
+    return make_stepping(config, task, task.spec(), count)
 
 
 def test_lock_step_gives_the_same_weights_for_any_number_of_workers(tmp_path: Path) -> None:
     weights = []
     for workers in (0, 1, 2):
         run = tmp_path / str(workers)
-        train(debug_config(f"env.num_workers={workers}"), run, StringIO())
+        train(debug_config(f"env.num_workers={workers}", "train.episodes=40"), run, StringIO())
         state, _ = load_checkpoint(run)
         weights.append(state["learner"]["agent"])
     for other in weights[1:]:
@@ -38,48 +39,52 @@ def test_lock_step_gives_the_same_weights_for_any_number_of_workers(tmp_path: Pa
 
 
 def test_first_ready_trains_too(tmp_path: Path) -> None:
-    assert train(debug_config("env.num_workers=2", "env.min_ready=1"), tmp_path / "run", StringIO())
+    assert train(
+        debug_config("env.num_workers=2", "env.min_ready=1", "train.episodes=40"),
+        tmp_path / "run",
+        StringIO(),
+    )
     (row,) = read_log(tmp_path / "run")
     assert row["episodes"] == 40
     assert row["episodes_cut"] == 0
 
 
-def test_a_killed_worker_is_announced_and_its_room_begins_anew() -> None:
-    rooms = make_rooms(debug_config("env.num_workers=2"), 4)
-    assert isinstance(rooms, PooledRooms)
+def test_a_killed_worker_is_announced_and_its_environments_begin_anew() -> None:
+    stepping = stepped(2, 4)
+    assert isinstance(stepping, PooledStepping)
     try:
         streams = np.arange(4)
-        rooms.reset(range(4), [1, 2, 3, 4])
-        assert rooms.recv().is_first.all()
-        victim = rooms._pool.pids[0]
+        stepping.reset(range(4), [1, 2, 3, 4])
+        assert stepping.recv().is_first.all()
+        victim = stepping.pids[0]
         assert victim is not None
         os.kill(victim, signal.SIGKILL)
-        rooms.send(streams, np.ones(4, dtype=np.int64))
-        answers = rooms.recv()
-        assert answers.streams.tolist() == [0, 1, 2, 3]
-        assert answers.is_cut.tolist() == [True, True, False, False]
-        assert answers.is_first.tolist() == [True, True, False, False]
+        stepping.send(streams, np.ones(4, dtype=np.int64))
+        batch = stepping.recv()
+        assert batch.streams.tolist() == [0, 1, 2, 3]
+        assert batch.is_cut.tolist() == [True, True, False, False]
+        assert batch.is_first.tolist() == [True, True, False, False]
         # What a checkpoint needs to repeat them.
-        again = make_rooms(debug_config("env.num_workers=0"), 2)
-        again.reset([0, 1], answers.seeds[:2])
-        np.testing.assert_array_equal(again.recv().images, answers.images[:2])
+        again = stepped(0, 2)
+        again.reset([0, 1], batch.seeds[:2])
+        np.testing.assert_array_equal(again.recv().frames, batch.frames[:2])
     finally:
-        rooms.close()
+        stepping.close()
 
 
 def test_workers_leave_the_end_of_a_service_to_the_learner() -> None:
-    rooms = make_rooms(debug_config("env.num_workers=2"), 4)
-    assert isinstance(rooms, PooledRooms)
+    stepping = stepped(2, 4)
+    assert isinstance(stepping, PooledStepping)
     try:
-        rooms.reset(range(4), [1, 2, 3, 4])
-        rooms.recv()
-        for process in rooms._pool.pids:
+        stepping.reset(range(4), [1, 2, 3, 4])
+        stepping.recv()
+        for process in stepping.pids:
             assert process is not None
             os.kill(process, signal.SIGTERM)
-        rooms.send(np.arange(4), np.ones(4, dtype=np.int64))
-        assert not rooms.recv().is_cut.any()
+        stepping.send(np.arange(4), np.ones(4, dtype=np.int64))
+        assert not stepping.recv().is_cut.any()
     finally:
-        rooms.close()
+        stepping.close()
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import pytest
 
-from vhs.envs import TASKS, NoOpenGLError, RoomEnv, Task
+from vhs.envs import TASKS, NoOpenGLError, RoomEnv, RoomTask
 from vhs.envs.config import INTERACTIVE_OBJECT_NAV
 from vhs.envs.kinematics import Pose
 from vhs.envs.scene import ObjectPose
@@ -16,8 +16,8 @@ FAR_M = 40.0
 
 
 @pytest.fixture(params=TASKS, ids=lambda task: task.name)
-def task(request: pytest.FixtureRequest) -> Task:
-    found: Task = request.param
+def task(request: pytest.FixtureRequest) -> RoomTask:
+    found: RoomTask = request.param
     return found
 
 

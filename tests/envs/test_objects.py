@@ -14,7 +14,7 @@ from vhs.envs.kinematics import Pose
 from vhs.envs.objects import ObjectAssetError, builtin_objects, load_objects
 from vhs.envs.scene import ObjectPose
 from vhs.envs.shapes import Mesh, bottle, carton
-from vhs.envs.textures import png_bytes
+from vhs.png import png_bytes
 
 CUBE = """
 v 0 0 0\nv 0.1 0 0\nv 0.1 0.2 0\nv 0 0.2 0\nv 0 0 0.3\nv 0.1 0 0.3\nv 0.1 0.2 0.3\nv 0 0.2 0.3

@@ -7,7 +7,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from vhs.envs import RoomEnv, Task, optimal_steps, plan
+from vhs.envs import RoomEnv, RoomTask, optimal_steps, plan
 from vhs.envs.config import INTERACTIVE_OBJECT_NAV, OBJECT_NAV, TURN_LEFT
 from vhs.envs.kinematics import Pose
 from vhs.envs.oracle import NoPlanError
@@ -17,7 +17,7 @@ Arrange = Callable[..., None]
 EPISODES = 1000
 
 
-def test_the_oracle_solves_every_episode_and_replans_to_the_same_end(task: Task) -> None:
+def test_the_oracle_solves_every_episode_and_replans_to_the_same_end(task: RoomTask) -> None:
     env = RoomEnv(task, renderer="none")
     lengths = []
     for seed in range(EPISODES):

@@ -12,7 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from vhs import Outcome
-from vhs.envs import RoomEnv, Task, compute_reward
+from vhs.envs import RoomEnv, RoomTask, compute_reward
 from vhs.envs.config import (
     FIRST_INTERACTION,
     INTERACTIVE_OBJECT_NAV,
@@ -30,18 +30,18 @@ AHEAD = ObjectPose(0.5, 0.0, 0.3, False)
 FACING = Pose(0.0, 0.0, 0)
 
 
-def blind(task: Task, **options: int) -> RoomEnv:
+def blind(task: RoomTask, **options: int) -> RoomEnv:
     env = RoomEnv(task, renderer="none")
     env.reset(seed=0, options=options)
     return env
 
 
 @pytest.mark.usefixtures("opengl")
-def test_check_env_passes(task: Task) -> None:
+def test_check_env_passes(task: RoomTask) -> None:
     check_env(gymnasium.make(f"vhs/{task.name}-v0", render_mode="rgb_array").unwrapped)
 
 
-def test_spaces_are_those_of_the_design(task: Task) -> None:
+def test_spaces_are_those_of_the_design(task: RoomTask) -> None:
     env = RoomEnv(task, renderer="none")
     assert env.action_space == gymnasium.spaces.Discrete(3 + task.interactions)
     assert env.observation_space == gymnasium.spaces.Dict(
@@ -57,7 +57,7 @@ def test_spaces_are_those_of_the_design(task: Task) -> None:
 
 # -- outcomes, case by case ---------------------------------------------------------------------------------
 
-Case = tuple[Task, dict[str, int], int, int, Outcome | None, float, int, int]
+Case = tuple[RoomTask, dict[str, int], int, int, Outcome | None, float, int, int]
 CASES: dict[str, Case] = {
     # task, instruction, object ahead, action, outcome, reward, reached object, reached interaction
     "task 2 success": (INTERACTIVE_OBJECT_NAV, {"goal": 3}, 3, 3, Outcome.SUCCESS, 9.99, 3, 0),
@@ -138,7 +138,7 @@ def test_the_nearer_of_two_objects_in_reach_counts(arrange: Arrange) -> None:
     assert info == {"outcome": "failure", "reached_object": 2, "reached_interaction": 0}
 
 
-def test_the_horizon_truncates_with_the_timeout_reward(task: Task, arrange: Arrange) -> None:
+def test_the_horizon_truncates_with_the_timeout_reward(task: RoomTask, arrange: Arrange) -> None:
     env = blind(task)
     arrange(env, FACING)
     for _ in range(19):
@@ -163,7 +163,7 @@ def test_reaching_on_the_last_step_is_not_a_timeout(goal: int, outcome: str, arr
     assert (terminated, truncated, info["outcome"]) == (True, False, outcome)
 
 
-def test_every_step_is_rewarded_as_its_outcome_says(task: Task) -> None:
+def test_every_step_is_rewarded_as_its_outcome_says(task: RoomTask) -> None:
     env = blind(task)
     rng = np.random.default_rng(1)
     seen: Counter[Outcome] = Counter()
@@ -222,7 +222,7 @@ def transcript(env: RoomEnv, seed: int) -> list[tuple[Any, ...]]:
 
 
 @pytest.mark.usefixtures("opengl")
-def test_same_seed_same_images_states_and_outcomes(task: Task) -> None:
+def test_same_seed_same_images_states_and_outcomes(task: RoomTask) -> None:
     first, second = RoomEnv(task), RoomEnv(task)
     second.reset(seed=99)
     second.step(0)

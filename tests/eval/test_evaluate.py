@@ -5,14 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from debug import debug_config
 
-from vhs.config import load_config
 from vhs.errors import CheckpointError
 from vhs.eval import evaluate
 from vhs.eval.evaluate import success_weighted_by_path_length
 from vhs.train import train
-
-DEBUG = Path(__file__).parents[2] / "configs" / "debug.yaml"
 
 
 def test_spl_by_hand() -> None:
@@ -24,9 +22,11 @@ def test_spl_by_hand() -> None:
 
 
 def test_rooms_without_a_plan_within_the_horizon_are_left_out_of_spl(tmp_path: Path) -> None:
-    config = load_config([DEBUG], ["train.episodes=4", "env.room.horizon_steps=4"])
+    config = debug_config("train.episodes=4", "env.room.horizon_steps=4")
     train(config, tmp_path / "run", StringIO())
     result = evaluate(tmp_path / "run", episodes=20)
+    assert result.spl is not None
+    assert result.optimal_steps is not None
     assert 0 < result.optimal_steps <= 4
     assert 0 <= result.spl <= 1
 

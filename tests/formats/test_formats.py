@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from vhs.acting.policy import TrainedAgent, load_agent
+from vhs.acting.policy import Policy, load_agent
 from vhs.config import load_config
 from vhs.errors import CheckpointError
 from vhs.runs.reader import read_run
@@ -16,10 +16,10 @@ from vhs.train import train
 HERE = Path(__file__).parent
 
 
-def digest(trained: TrainedAgent) -> str:
+def digest(trained: Policy) -> str:
     """Of the weights as float16, which an exported agent keeps."""
     content = hashlib.sha256()
-    for name, value in sorted(trained.learner.agent.state_dict().items()):
+    for name, value in sorted(trained.agent.state_dict().items()):
         content.update(name.encode() + value.half().numpy().tobytes())
     return content.hexdigest()[:16]
 
@@ -36,8 +36,8 @@ def test_an_exported_agent_is_loaded() -> None:
     trained = load_agent(HERE / "agent-1")
     assert trained.trained_episodes == 24
     assert digest(trained) == "d62b527027abcb84"
-    assert trained.learner.prototypes.seen.tolist() == [True, False, False, False, False]
-    assert trained.learner.prototypes.table[0, :3] == pytest.approx([-1.238749, 1.254369, 0.775483], abs=1e-6)
+    assert trained.goals.prototypes.seen.tolist() == [True, False, False, False, False]
+    assert trained.goals.prototypes.table[0, :3] == pytest.approx([-1.238749, 1.254369, 0.775483], abs=1e-6)
 
 
 def test_a_checkpoint_with_a_pickle_is_refused_by_name(tmp_path: Path) -> None:

@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 import torch
 from torch import Tensor
+from toy import ALGORITHMS as OVERLAYS
+from toy import toy_learner
 
 from vhs import EpisodeBatch, Outcome
 from vhs.acting.actor import Actor
 from vhs.config import load_config
 from vhs.eval import evaluate
-from vhs.learning.algorithms import ALGORITHMS, VHS
+from vhs.learning.learner import Learner
 from vhs.learning.methods import METHODS
 from vhs.models import GoalAgent
 from vhs.runs.rows import read_log
 from vhs.train import train
 
-from .test_vhs import fill_store, make_batch
-from .toy import ALGORITHMS as OVERLAYS
-from .toy import toy_learner
+from .parts import fill_store, make_batch
 
 RL = {"policy", "value", "entropy", "grad_norm"}
 TERMS = {
@@ -36,15 +36,15 @@ TERMS = {
 OUTCOMES = [Outcome.SUCCESS, Outcome.FAILURE, Outcome.TIMEOUT, Outcome.FAILURE]
 
 
-def goals_of(learner: VHS, batch: EpisodeBatch) -> Tensor:
-    return torch.stack([learner.embed_goal(int(goal)) for goal in batch.goals])
+def goals_of(learner: Learner, batch: EpisodeBatch) -> Tensor:
+    return torch.stack([learner.goals.begin(int(goal)) for goal in batch.goals])
 
 
-def update(learner: VHS, batch: EpisodeBatch) -> dict[str, float]:
+def update(learner: Learner, batch: EpisodeBatch) -> dict[str, float]:
     return learner.update([(batch, goals_of(learner, batch))])
 
 
-def weights(learner: VHS) -> dict[str, Tensor]:
+def weights(learner: Learner) -> dict[str, Tensor]:
     return {name: value.detach().clone() for name, value in learner.agent.named_parameters()}
 
 
@@ -67,8 +67,7 @@ def run_episode(
 @pytest.mark.parametrize("name", METHODS)
 def test_each_method_has_its_terms_alone(name: str) -> None:
     learner = toy_learner(name)
-    assert type(learner) is ALGORITHMS[name]
-    fill_store(learner)
+    fill_store(learner.goals)
     metrics = update(learner, make_batch(OUTCOMES))
     assert set(metrics) == TERMS[name]
     assert all(math.isfinite(value) for value in metrics.values())
@@ -119,7 +118,7 @@ def test_gcsl_imitates_failures_under_what_they_reached() -> None:
 
 def test_the_discriminator_of_gdan_classifies_stored_images_in_the_same_pass_as_the_episodes() -> None:
     learner = toy_learner("gdan")
-    fill_store(learner)
+    fill_store(learner.goals)
     batch = make_batch(OUTCOMES)
     images, labels = copy_of_next_sample(learner)
     agent = copy.deepcopy(learner.agent).train()
@@ -131,11 +130,11 @@ def test_the_discriminator_of_gdan_classifies_stored_images_in_the_same_pass_as_
     assert update(learner, batch)["discriminator"] == pytest.approx(expected, rel=1e-3)
 
 
-def copy_of_next_sample(learner: VHS) -> tuple[Any, Any]:
+def copy_of_next_sample(learner: Learner) -> tuple[Any, Any]:
     """The goal images of the next update: stores that are filled alike draw alike."""
     twin = toy_learner("gdan")
-    fill_store(twin)
-    return twin.goal_store.sample(12, balanced=True)
+    fill_store(twin.goals)
+    return twin.goals.store.sample(12, balanced=True)
 
 
 def test_a_word_learns_from_the_episodes_that_it_names() -> None:
@@ -158,20 +157,20 @@ def test_words_are_looked_up_anew_when_learning(name: str) -> None:
 
 def test_learners_that_share_an_update_share_the_words() -> None:
     learner = toy_learner("a3c", "train.learners=2", "train.episodes_per_update=2")
-    before = learner.embed_goal(0), learner.embed_goal(1)
+    before = learner.goals.begin(0), learner.goals.begin(1)
     shares = [make_batch([Outcome.FAILURE]), make_batch([Outcome.FAILURE, Outcome.SUCCESS])]
     learner.update([(batch, goals_of(learner, batch)) for batch in shares])
-    assert not torch.equal(before[0], learner.embed_goal(0))
-    assert not torch.equal(before[1], learner.embed_goal(1)), "only the second learner saw goal 1"
+    assert not torch.equal(before[0], learner.goals.begin(0))
+    assert not torch.equal(before[1], learner.goals.begin(1)), "only the second learner saw goal 1"
 
 
 @pytest.mark.parametrize("name", METHODS)
 def test_a_goal_embedding_is_a_constant_of_its_own(name: str) -> None:
     learner = toy_learner(name)
-    embedding = learner.embed_goal(1)
+    embedding = learner.goals.begin(1)
     assert (embedding.shape, embedding.dtype, embedding.requires_grad) == ((16,), torch.float32, False)
     kept = embedding.clone()
-    fill_store(learner)
+    fill_store(learner.goals)
     update(learner, make_batch(OUTCOMES))
     assert torch.equal(embedding, kept), "a running episode keeps the goal that it began with"
 
@@ -181,7 +180,7 @@ def test_an_actor_acts_under_the_goals_of_each_method(name: str) -> None:
     learner = toy_learner(name)
     actor = Actor(learner.agent, 2, dtype=torch.float32, generator=torch.Generator().manual_seed(0))
     for stream in (0, 1):
-        actor.begin(stream, learner.embed_goal(stream), 0)
+        actor.begin(stream, learner.goals.begin(stream), 0)
     images = np.zeros((2, 2, 16, 16, 3), dtype=np.uint8)
     actions, values = actor.act(np.arange(2), images)
     assert actions.shape == values.shape == (2,)
@@ -190,14 +189,14 @@ def test_an_actor_acts_under_the_goals_of_each_method(name: str) -> None:
 
 def test_a3c_never_touches_the_goal_store() -> None:
     learner = toy_learner("a3c")
-    learner.goal_store = None  # type: ignore[assignment]
+    learner.goals.store = None  # type: ignore[assignment]
     update(learner, make_batch(OUTCOMES))
 
 
 def test_a3c_does_not_profit_from_the_goal_store() -> None:
     batch = make_batch(OUTCOMES)
     empty, full = toy_learner("a3c"), toy_learner("a3c")
-    fill_store(full)
+    fill_store(full.goals)
     for learner in (empty, full):
         update(learner, batch)
     for name, value in weights(empty).items():
@@ -210,10 +209,10 @@ def test_the_discriminator_trains_on_the_store_alone(weight: float) -> None:
     agent: Any = learner.agent
     batch = make_batch(OUTCOMES)
     update(learner, batch)
-    assert not learner.is_warm
+    assert not learner.goals.is_warm
     assert not sees_gradient(agent.recognise)
     assert not sees_gradient(agent.classify)
-    fill_store(learner)
+    fill_store(learner.goals)
     update(learner, batch)
     assert sees_gradient(agent.recognise) == sees_gradient(agent.classify) == (weight > 0)
     assert all(
@@ -222,12 +221,11 @@ def test_the_discriminator_trains_on_the_store_alone(weight: float) -> None:
 
 
 def test_gcsl_has_no_rl_term() -> None:
-    batch = make_batch(OUTCOMES)
-    learners = [
-        toy_learner("gcsl", f"train.reward_scale={scale}", "method.relabel_probability=1")
-        for scale in (0.001, 7.0)
-    ]
-    for learner in learners:
+    quiet, loud = make_batch(OUTCOMES), make_batch(OUTCOMES)
+    loud.rewards[:] *= 1000
+    assert not np.array_equal(quiet.rewards, loud.rewards)
+    learners = [toy_learner("gcsl", "method.relabel_probability=1") for _ in range(2)]
+    for learner, batch in zip(learners, (quiet, loud), strict=True):
         update(learner, batch)
         assert not sees_gradient(learner.agent.value)
         assert sees_gradient(learner.agent.policy)
@@ -254,21 +252,21 @@ def test_the_hindsight_goal_of_gcsl_is_a_constant() -> None:
 
 
 def test_pg_relabels_nothing() -> None:
-    batch = make_batch(OUTCOMES)
-    learners = [toy_learner("pg", f"method.relabel_probability={p}") for p in (0.0, 1.0)]
-    for learner in learners:
-        fill_store(learner)
-        update(learner, batch)
-        assert learner.prototypes.seen.all()
-    for name, value in weights(learners[0]).items():
-        assert torch.equal(value, weights(learners[1])[name]), name
+    learner = toy_learner("pg")
+    fill_store(learner.goals)
+    seen: list[Tensor] = []
+    handle = learner.agent.register_forward_hook(lambda module, inputs, output: seen.append(inputs[1]))
+    assert "relabelled" not in update(learner, make_batch(OUTCOMES))
+    handle.remove()
+    assert [len(goals) for goals in seen] == [len(OUTCOMES)], "no failure a second time"
+    assert learner.goals.prototypes.seen.all()
 
 
 def test_vhs_without_relabelling_is_pg() -> None:
     batch = make_batch(OUTCOMES)
     learners = [toy_learner("pg"), toy_learner("vhs", "method.relabel_probability=0")]
     for learner in learners:
-        fill_store(learner)
+        fill_store(learner.goals)
         update(learner, batch)
     for name, value in weights(learners[0]).items():
         torch.testing.assert_close(weights(learners[1])[name], value)
@@ -278,17 +276,17 @@ def test_vhs_without_relabelling_is_pg() -> None:
 def test_state_round_trip_gives_the_same_next_update(name: str) -> None:
     batch = make_batch(OUTCOMES)
     first, second = toy_learner(name), toy_learner(name, "seed=1")
-    second.goal_store = toy_learner(name).goal_store
+    second.goals.store = toy_learner(name).goals.store
     for learner in (first, second):
-        fill_store(learner)
+        fill_store(learner.goals)
     update(first, batch)
     file = io.BytesIO()
     torch.save(first.state_dict(), file)
     file.seek(0)
     second.load_state_dict(torch.load(file, weights_only=True))
-    if METHODS[name].goal_loss:
-        second.goal_store.sample(12, balanced=True)  # the one batch that the first store has drawn
-    assert torch.equal(first.embed_goal(0), second.embed_goal(0))
+    if {"supcon", "discriminator"} & {*METHODS[name].terms}:
+        second.goals.store.sample(12, balanced=True)  # the one batch that the first store has drawn
+    assert torch.equal(first.goals.begin(0), second.goals.begin(0))
     assert update(first, batch) == update(second, batch)
     for key, value in weights(first).items():
         assert torch.equal(value, weights(second)[key]), key

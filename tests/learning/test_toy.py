@@ -1,10 +1,9 @@
 """Every method learns a room with one object in it, from its own rewards or from its own failures."""
 
 import pytest
+from toy import play_toy, toy_config
 
 from vhs.learning.methods import METHODS
-
-from .toy import play_toy, toy_config
 
 AT_RANDOM = 0.0952
 """Success of uniform actions, exactly: summed over the 5^6 courses of an episode."""

@@ -78,6 +78,44 @@ def test_padding_changes_nothing() -> None:
         assert old.item() == pytest.approx(new.item(), rel=1e-12)
 
 
+def test_an_impossible_action_adds_nothing_to_the_entropy_and_gets_no_gradient() -> None:
+    impossible = -torch.inf
+    logits = torch.tensor([[[0.0, 0.0, impossible], [0.0, 1.0, impossible]]], requires_grad=True)
+    ones = torch.ones(1, 2)
+    terms = actor_critic_loss(logits.log_softmax(-1), torch.tensor([[0, 1]]), ones, ones, ones)
+    possible = logits.detach()[..., :2].clone().requires_grad_()
+    expected = actor_critic_loss(possible.log_softmax(-1), torch.tensor([[0, 1]]), ones, ones, ones)
+    torch.testing.assert_close(terms.entropy, expected.entropy)
+    terms.entropy.backward()
+    expected.entropy.backward()
+    assert logits.grad is not None
+    torch.testing.assert_close(logits.grad[..., :2], possible.grad)
+    assert torch.equal(logits.grad[..., 2], torch.zeros(1, 2))
+
+
+def test_an_impossible_action_after_the_end_changes_nothing() -> None:
+    logits = torch.tensor([[[0.0, 0.0], [0.0, -torch.inf]]], requires_grad=True)
+    terms = actor_critic_loss(
+        logits.log_softmax(-1),
+        actions=torch.tensor([[0, 1]]),
+        values=torch.zeros(1, 2),
+        returns=torch.ones(1, 2),
+        valid=torch.tensor([[1.0, 0.0]]),
+    )
+    assert terms.policy.item() == pytest.approx(math.log(2))
+    terms.policy.backward()
+    assert logits.grad is not None
+    assert torch.equal(logits.grad[:, 1], torch.zeros(1, 2))
+
+
+def test_no_step_costs_nothing() -> None:
+    nothing = torch.zeros(0, 0)
+    terms = actor_critic_loss(
+        torch.zeros(0, 0, 4), torch.zeros(0, 0, dtype=torch.int64), nothing, nothing, nothing
+    )
+    assert [term.item() for term in terms] == [0.0, 0.0, 0.0]
+
+
 def test_mismatched_shapes_are_refused_by_name() -> None:
     with pytest.raises(ShapeError, match=r"`returns`: expected shape \[B=1, T=2\], found \[1, 3\]"):
         actor_critic_loss(

@@ -55,6 +55,15 @@ def test_gradient_is_that_of_the_formula() -> None:
     assert torch.autograd.gradcheck(lambda f: supcon_loss(f, labels, 0.3), (features,))
 
 
+@pytest.mark.parametrize("count", [0, 1])
+def test_too_few_images_for_a_pair_cost_nothing(count: int) -> None:
+    features = torch.ones(count, 4, requires_grad=True)
+    loss = supcon_loss(features, torch.zeros(count, dtype=torch.int64), 0.07)
+    loss.backward()
+    assert loss.item() == 0.0
+    assert torch.equal(features.grad, torch.zeros(count, 4))
+
+
 def test_no_positive_pair_costs_nothing_and_gives_no_gradient() -> None:
     features = torch.randn(3, 4, generator=torch.Generator().manual_seed(0), requires_grad=True)
     loss = supcon_loss(features, torch.tensor([0, 1, 2]), 0.07)

@@ -22,6 +22,13 @@ def test_gradient_is_the_difference_of_probabilities() -> None:
     torch.testing.assert_close(logits.grad, torch.tensor([[0.25, -0.75, 0.25, 0.25]], dtype=torch.float64))
 
 
+def test_no_image_costs_nothing() -> None:
+    logits = torch.zeros(0, 4, requires_grad=True)
+    loss = goal_discrimination_loss(logits, torch.zeros(0, dtype=torch.int64))
+    loss.backward()
+    assert loss.item() == 0.0
+
+
 def test_labels_that_do_not_fit_are_named() -> None:
     with pytest.raises(ShapeError, match=r"`labels`: expected shape \[N=2\], found \[3\]"):
         goal_discrimination_loss(torch.zeros(2, 4), torch.zeros(3, dtype=torch.int64))

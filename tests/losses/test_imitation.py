@@ -70,6 +70,26 @@ def test_padding_changes_nothing() -> None:
     assert [term.item() for term in before] == pytest.approx([term.item() for term in after])
 
 
+def test_an_impossible_action_after_the_end_changes_nothing() -> None:
+    logits = torch.tensor([[[0.0, 0.0], [0.0, -torch.inf]]], requires_grad=True)
+    valid, zeros = torch.tensor([[1.0, 0.0]]), torch.zeros(1, 2)
+    terms = hindsight_imitation_loss(
+        logits.log_softmax(-1), torch.tensor([[0, 1]]), zeros, zeros, valid, valid.sum()
+    )
+    assert terms.policy.item() == pytest.approx(math.log(2))
+    terms.policy.backward()
+    assert logits.grad is not None
+    assert torch.equal(logits.grad[:, 1], torch.zeros(1, 2))
+
+
+def test_no_step_costs_nothing() -> None:
+    nothing = torch.zeros(0, 3)
+    terms = hindsight_imitation_loss(
+        torch.zeros(0, 3, 4), nothing.long(), nothing, nothing, nothing, torch.tensor(0)
+    )
+    assert [term.item() for term in terms] == [0.0, 0.0]
+
+
 def test_mismatched_shapes_are_refused_by_name() -> None:
     logits, actions, values, targets, valid, steps = random_case()
     with pytest.raises(ShapeError, match=r"`value_targets`: expected shape \[B=2, T=3\], found \[2, 2\]"):

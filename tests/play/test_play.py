@@ -9,18 +9,23 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from vhs.acting.episodes import episode_seeds
 from vhs.acting.policy import load_agent
+from vhs.acting.seeds import episode_seeds
+from vhs.acting.setup import make_env
 from vhs.cli import main
-from vhs.play.room import make_room
-from vhs.show.moments import Moment, run_episode
+from vhs.show.moments import Moment, play_moments
 from vhs.show.pictures import HEIGHT_PX, SIDE_PX, WIDTH_PX, draw
 
 
 def moments(run: Path, episodes: int) -> list[list[Moment]]:
     agent = load_agent(run)
-    actor, room = agent.actor(0, False), make_room(agent.config, is_drawn=True)
-    return [list(run_episode(agent, actor, room, s)) for s in islice(episode_seeds(0, purpose=1), episodes)]
+    env = make_env(agent.task, agent.spec, render_mode="rgb_array")
+    played: list[list[Moment]] = [[]]
+    for moment in play_moments(agent, env, islice(episode_seeds(0, purpose=1), episodes), 0, greedy=False):
+        played[-1].append(moment)
+        if moment.outcome is not None:
+            played.append([])
+    return played[:-1]
 
 
 def test_an_episode_has_one_moment_more_than_steps(run: Path) -> None:

@@ -4,16 +4,18 @@ import os
 import shutil
 import subprocess
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import gymnasium
 import pytest
+from debug import debug_config
 
-from vhs import Outcome
+from vhs import Outcome, Task
+from vhs.acting.setup import task_of
 from vhs.cli import main
-from vhs.config import load_config
-from vhs.play.room import make_room
-
-CONFIGS = Path(__file__).parents[2] / "configs"
+from vhs.envs import RoomEnv
 
 pytest.importorskip("tkinter")
 
@@ -38,14 +40,28 @@ def display() -> Iterator[None]:
     server.wait()
 
 
+def watched(task: Task) -> tuple[Task, list[RoomEnv]]:
+    """The task, and the rooms that it makes from now on."""
+    made: list[RoomEnv] = []
+
+    def make(**kwargs: Any) -> gymnasium.Env[Any, Any]:
+        env = task.make(**kwargs)
+        made.append(env.unwrapped)
+        return env
+
+    return replace(task, make=make), made
+
+
 @pytest.mark.usefixtures("display")
 def test_a_person_drives_and_sees_the_outcome() -> None:
     from vhs.play.driver import Person
     from vhs.play.window import Window
 
-    room = make_room(load_config([CONFIGS / "debug.yaml"], ["task=task2"]), is_drawn=True)
+    config = debug_config("task=task2")
+    task, made = watched(task_of(config))
     window = Window("test")
-    person = Person(window, room, iter([1, 2]))
+    person = Person(window, config, task, [1, 2])
+    room = made[-1]
     start = room.world.commanded_pose
     window.press("Left")
     assert room.world.commanded_pose.heading == (start.heading + 1) % 8

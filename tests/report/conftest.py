@@ -5,13 +5,11 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
+from debug import debug_config
 
 from vhs.cli import main
-from vhs.config import load_config
 from vhs.report import decoder
 from vhs.train import train
-
-CONFIGS = Path(__file__).parents[2] / "configs"
 
 
 @pytest.fixture(scope="session")
@@ -26,7 +24,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         "env.num_workers=0",
         "env.room.reach_half_angle_deg=90",
     ]
-    train(load_config([CONFIGS / "debug.yaml"], settings), directory / "seed0", StringIO())
+    train(debug_config(*settings), directory / "seed0", StringIO())
     (directory / "seed1").mkdir()
     for name in ("config.yaml", "log.jsonl", "run.json"):
         text = (directory / "seed0" / name).read_text()

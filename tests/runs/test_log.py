@@ -5,7 +5,6 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
-import torch
 
 from vhs import Outcome
 from vhs.acting.episodes import EndedEpisode
@@ -36,7 +35,7 @@ def write(run: Path, first: int, *rows: dict[str, float]) -> str:
 
 
 def ended(outcome: Outcome, steps: int, episode_return: float) -> EndedEpisode:
-    return EndedEpisode(0, 0, 0, 0, outcome, steps, episode_return, torch.zeros(1), -1)
+    return EndedEpisode(0, 0, 0, 0, 0, outcome, steps, episode_return)
 
 
 def test_rows_behind_the_checkpoint_are_dropped_on_resume(tmp_path: Path) -> None:

@@ -120,6 +120,17 @@ def test_a_run_is_named_by_what_its_grid_changes_and_not_by_the_defaults_of_its_
     ]
 
 
+def test_what_a_sweep_sets_for_all_runs_reaches_the_methods_that_read_it(tmp_path: Path) -> None:
+    text = "set: {method.relabel_probability: 0.4}\ngrids: [{grid: {method.name: [vhs, a3c]}}]"
+    vhs, a3c = plan(tmp_path, text)
+    assert vhs.config.method.relabel_probability == 0.4
+    for run, is_set in ((vhs, True), (a3c, False)):
+        assert ("method.relabel_probability=0.4" in run.arguments) == is_set
+        assert load_config([], run.arguments[1::2]) == run.config
+    with pytest.raises(ConfigError, match=r"grids\.0: method\.vhs_weight: expected none for .* a3c"):
+        plan(tmp_path, "grids: [{grid: {method.name: [vhs, a3c], method.vhs_weight: [0.5]}}]")
+
+
 @pytest.mark.parametrize(
     ("text", "names"),
     [

@@ -5,20 +5,20 @@ import shutil
 from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from vhs.acting.policy import load_agent
+from vhs.acting.policy import load_agent, make_policy
 from vhs.cli import main
 from vhs.config import Config, load_config
 from vhs.errors import CheckpointError, OutputError
 from vhs.runs.agent_file import FORMAT, encode_agent, read_agent
 from vhs.runs.checkpoint import load_checkpoint, save_checkpoint
 from vhs.train import train
-from vhs.train.build import make_envs, make_learner
 from vhs.train.export import export_agent
 
 DEBUG = Path(__file__).parents[2] / "configs" / "debug.yaml"
@@ -26,6 +26,12 @@ DEBUG = Path(__file__).parents[2] / "configs" / "debug.yaml"
 
 def configured(*overrides: str) -> Config:
     return load_config([DEBUG], ["train.episodes=24", "env.num_workers=0", *overrides])
+
+
+def encoded(config: Config, **about: str) -> bytes:
+    """The file of an agent before any training."""
+    policy = make_policy(config)
+    return encode_agent(policy.agent, policy.goals, about)
 
 
 @pytest.fixture(scope="module")
@@ -49,17 +55,17 @@ def exported(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_weights_are_halved_and_prototypes_are_not(run: Path, exported: Path) -> None:
     before, after = load_agent(run), load_agent(exported)
-    weights = after.learner.agent.state_dict()
-    for name, value in before.learner.agent.state_dict().items():
+    weights = after.agent.state_dict()
+    for name, value in before.agent.state_dict().items():
         expected = value.half().float() if value.is_floating_point() else value
         assert torch.equal(weights[name], expected), name
     tensors = load_file(exported / "agent.safetensors")
     assert tensors["agent.lstm.weight_ih_l0"].dtype == torch.float16
     assert tensors["agent.extractor.convolutions.1.running_var"].dtype == torch.float16
     assert tensors["prototypes.table"].dtype == torch.float32
-    assert before.learner.prototypes.seen.any(), "something to compare"
+    assert before.goals.prototypes.seen.any(), "something to compare"
     for name in ("table", "seen", "rng"):
-        states = [trained.learner.prototypes.state_dict()[name] for trained in (before, after)]
+        states = [trained.goals.prototypes.state_dict()[name] for trained in (before, after)]
         np.testing.assert_array_equal(*states)
 
 
@@ -76,7 +82,8 @@ def test_the_directory_says_what_trained_the_agent(run: Path, exported: Path) ->
     assert meta["trained_episodes"] == 24
     assert meta["command"] == trained["command"]
     assert meta["exported"]["version"]
-    metadata = read_agent(exported / "agent.safetensors", load_agent(run).learner)
+    policy = load_agent(run)
+    metadata = read_agent(exported / "agent.safetensors", policy.agent, policy.goals)
     assert metadata["trained_episodes"] == "24"
     assert (metadata["command"], metadata["commit"]) == (trained["command"], trained["commit"] or "")
 
@@ -98,9 +105,9 @@ def test_an_exported_agent_acts_as_the_one_in_the_run(run: Path, exported: Path)
     rng, outputs = np.random.default_rng(0), []
     observations = torch.from_numpy(rng.integers(0, 256, (6, 2, 84, 84, 3), dtype=np.uint8))
     for path in (run, exported):
-        learner = load_agent(path).learner
-        agent = learner.agent.eval()
-        goals = torch.stack([learner.embed_goal(label) for label in range(3)])
+        policy = load_agent(path)
+        agent = policy.agent.eval()
+        goals = torch.stack([policy.goals.begin(label) for label in range(3)])
         with torch.inference_mode():
             features = agent.extractor(observations).unflatten(0, (3, 2))
             outputs.append(agent(features, goals, torch.zeros(3, dtype=torch.int64))[:2])
@@ -110,15 +117,15 @@ def test_an_exported_agent_acts_as_the_one_in_the_run(run: Path, exported: Path)
 
 def test_the_default_agent_fits_into_4_mb() -> None:
     config = load_config()
-    assert len(encode_agent(make_learner(config, make_envs(config, 1)[0]), {})) <= 4_000_000
+    assert len(encoded(config)) <= 4_000_000
 
 
 def test_what_float16_cannot_hold_stays_as_it_is(run: Path, tmp_path: Path) -> None:
-    learner, again = load_agent(run).learner, load_agent(run).learner
-    learner.agent.state_dict()["extractor.convolutions.1.running_var"][0] = 1e6
+    policy, again = load_agent(run), load_agent(run)
+    policy.agent.state_dict()["extractor.convolutions.1.running_var"][0] = 1e6
     path = tmp_path / "agent.safetensors"
-    path.write_bytes(encode_agent(learner, {}))
-    read_agent(path, again)
+    path.write_bytes(encode_agent(policy.agent, policy.goals, {}))
+    read_agent(path, again.agent, again.goals)
     assert again.agent.state_dict()["extractor.convolutions.1.running_var"][0] == 1e6
 
 
@@ -131,7 +138,7 @@ def test_exact_prototypes_are_embedded_when_exporting(tmp_path: Path) -> None:
         store.push(rng.integers(0, 256, (2, 84, 84, 3), dtype=np.uint8), 2)
     save_checkpoint(run, 8, state, store, keep=1)
     export_agent(run, tmp_path / "agent")
-    prototypes = load_agent(tmp_path / "agent").learner.prototypes
+    prototypes = load_agent(tmp_path / "agent").goals.prototypes
     assert prototypes.seen[2]
     assert np.linalg.norm(prototypes.table[2]) > 0.1
 
@@ -150,7 +157,7 @@ def test_a_run_of_a_device_that_is_not_here_acts_on_the_cpu(tmp_path: Path, run:
     (copy / "config.yaml").write_text(text.replace("device: auto", "device: cuda:99"))
     loaded = load_agent(copy)
     assert loaded.config.train.device == "cpu"
-    assert not loaded.learner.agent.training
+    assert not loaded.agent.training
 
 
 def truncate(path: Path) -> None:
@@ -174,7 +181,7 @@ def replace_by_another_kind(path: Path) -> None:
 
 def replace_by_another_network(path: Path) -> None:
     config = configured("model.head_dim=12")
-    path.write_bytes(encode_agent(make_learner(config, make_envs(config, 1)[0]), {"trained_episodes": "1"}))
+    path.write_bytes(encoded(config, trained_episodes="1"))
 
 
 def replace_by_a_directory(path: Path) -> None:
@@ -202,17 +209,16 @@ def test_a_file_that_cannot_be_loaded_is_a_clear_error(
         load_agent(copy)
 
 
-@pytest.mark.parametrize(("missing", "found"), [("agent.value.0.bias", "none"), ("prototypes.seen", "none")])
-def test_a_missing_tensor_is_named(missing: str, found: str, run: Path, tmp_path: Path, monkeypatch) -> None:
-    from vhs.runs import agent_file
-
-    learner, path = load_agent(run).learner, tmp_path / "agent.safetensors"
-    whole = agent_file._tensors
-    with monkeypatch.context() as patch:
-        patch.setattr(agent_file, "_tensors", lambda it: {k: v for k, v in whole(it).items() if k != missing})
-        path.write_bytes(encode_agent(learner, {}))
-    with pytest.raises(CheckpointError, match=rf"`{missing}`: expected shape \[\d+\], found {found}"):
-        read_agent(path, learner)
+@pytest.mark.parametrize("missing", ["agent.value.0.bias", "prototypes.seen"])
+def test_a_missing_tensor_is_named(missing: str, run: Path, tmp_path: Path) -> None:
+    policy, path = load_agent(run), tmp_path / "agent.safetensors"
+    part, _, name = missing.partition(".")
+    fewer = {"agent": policy.agent.state_dict(), "prototypes": policy.goals.state_dict()}
+    del fewer[part][name]
+    lacking = (SimpleNamespace(state_dict=lambda it=fewer[key]: it) for key in ("agent", "prototypes"))
+    path.write_bytes(encode_agent(*lacking, {}))
+    with pytest.raises(CheckpointError, match=rf"`{missing}`: expected shape \[\d+\], found none"):
+        read_agent(path, policy.agent, policy.goals)
 
 
 def test_no_run_no_directory(run: Path, exported: Path, tmp_path: Path) -> None:

@@ -1,13 +1,12 @@
-"""Episodes from many rooms: the way of one step.
+"""Episodes in many environments: the one loop that steps, whoever plays.
 
-answers of the rooms -> frames and rewards into the buffer -> stacked observations (`EpisodeBuffer.observe`)
--> one batched inference (`Actor.act`) -> actions to the rooms; ended episodes to the caller. Training and
-evaluation share it.
+steps of the environments -> frames and rewards into the buffer -> actions by a `Player` -> back to the
+environments; ended episodes to the caller. Training, evaluation, resuming, films and measurements share it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,8 +16,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vhs import EpisodeBuffer, Outcome
-from vhs.acting.actor import Actor
-from vhs.acting.stepping import Answers, Rooms
+from vhs.acting.players import Player
+from vhs.acting.stepping import StepBatch, Stepping
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +25,8 @@ class EndedEpisode:
     """What is known of an episode at its end; its frames are in the buffer under `id`."""
 
     id: int
+    stream: int
+    """Where it was played."""
     seed: int
     goal: int
     interaction: int
@@ -33,20 +34,20 @@ class EndedEpisode:
     steps: int
     episode_return: float
     """Sum of the rewards, undiscounted and unscaled."""
-    goal_embedding: Tensor
-    """The embedding it was acted under, shape [feature_dim]."""
-    reached_object: int
-    """For evaluation only: the agent does not know it."""
+    goal_embedding: Tensor | None = None
+    """The embedding it was acted under, shape [feature_dim]; None where no agent acted."""
+    reached: int | None = None
+    """Goal class that was reached, -1 for none; for evaluation only, None where the task does not say."""
 
 
 @dataclass(slots=True)
 class Running:
-    """An episode that has begun; a room that is given its seed and its actions repeats it bit for bit."""
+    """An episode that has begun; an environment given its seed and actions repeats it bit for bit."""
 
     seed: int
     goal: int
     interaction: int
-    goal_embedding: Tensor
+    goal_embedding: Tensor | None
     actions: list[int] = field(default_factory=list)
     """Taken and answered; the one under way is not among them."""
     values: list[float] = field(default_factory=list)
@@ -59,10 +60,11 @@ class Running:
         self.values.append(value)
         self.episode_return += reward
 
-    def ended(self, id: int, outcome: Outcome, reached_object: int) -> EndedEpisode:
+    def ended(self, id: int, stream: int, outcome: Outcome, reached: int | None) -> EndedEpisode:
         """The same episode at its end, stored in the buffer under `id`."""
         return EndedEpisode(
             id=id,
+            stream=stream,
             seed=self.seed,
             goal=self.goal,
             interaction=self.interaction,
@@ -70,7 +72,7 @@ class Running:
             steps=len(self.actions),
             episode_return=self.episode_return,
             goal_embedding=self.goal_embedding,
-            reached_object=reached_object,
+            reached=reached,
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -79,165 +81,151 @@ class Running:
         return fields | {"actions": list(self.actions), "values": list(self.values)}
 
 
-class Rollout:
-    """Plays episodes in many rooms; a room begins its next one with the next seed, while there is one.
-
-    `begun` counts the seeds taken, `cut` the episodes that were lost with their worker.
-    """
+class Episodes:
+    """Plays episodes in many environments; each begins its next one with the next seed, if there is one."""
 
     def __init__(
-        self,
-        rooms: Rooms,
-        num_streams: int,
-        actor: Actor,
-        buffer: EpisodeBuffer,
-        embed_goal: Callable[[int], Tensor],
-        seeds: Iterator[int],
-        *,
-        begin: bool = True,
+        self, stepping: Stepping, player: Player, buffer: EpisodeBuffer, seeds: Iterable[int] = ()
     ) -> None:
-        """Begin an episode in every room, as far as the seeds go.
+        """Join the parts; nothing begins before `start`, `begin` or `resume`.
 
         Args:
-            rooms: who steps the environments, one a stream of `buffer` and of `actor`.
-            num_streams: how many there are.
-            actor: chooses actions.
+            stepping: steps the environments, one a stream of `buffer`.
+            player: chooses actions.
             buffer: takes the frames.
-            embed_goal: goal class to goal embedding of shape [feature_dim], called once an episode.
             seeds: one for each episode, taken in the order in which episodes begin.
-            begin: False leaves the rooms at rest, for `resume`.
         """
-        self._rooms = rooms
-        self._actor = actor
-        self._buffer = buffer
-        self._embed_goal = embed_goal
-        self._seeds = seeds
+        self.stepping = stepping
+        self.buffer = buffer
+        self._player = player
+        self._seeds: Iterator[int] = iter(seeds)
         self._running: dict[int, Running] = {}
         # Seeds of the episodes whose first frame is under way.
         self._beginning: dict[int, int] = {}
-        # The action under way in each room, and the critic's value when it was chosen.
-        self._actions = np.zeros(num_streams, dtype=np.int64)
-        self._values = np.zeros(num_streams, dtype=np.float32)
-        self._under_way = 0
+        # The action under way in each environment, and the critic's value when it was chosen.
+        self._actions = np.zeros(buffer.num_streams, dtype=np.int64)
+        self._values = np.zeros(buffer.num_streams, dtype=np.float32)
+        self.under_way = 0
+        """Commands that are not answered yet."""
         self.begun = 0
+        """Seeds taken."""
         self.cut = 0
-        if begin:
-            self._reset(range(num_streams))
+        """Episodes that were lost with their worker."""
+        self.steps = 0
+        """Steps taken; a reset is none."""
 
     @property
     def is_done(self) -> bool:
-        """Whether no episode is running and no seed is left."""
-        return self._under_way == 0
+        """Whether no episode is running or beginning, and so no seed is left."""
+        return not self.under_way and not self._running
+
+    @property
+    def running(self) -> Mapping[int, Running]:
+        """The episodes under way, by stream; those whose first frame is under way are not among them."""
+        return self._running
+
+    def chosen(self, stream: int) -> tuple[int, float]:
+        """The action under way in a stream, and the critic's value when it was chosen."""
+        return int(self._actions[stream]), float(self._values[stream])
+
+    def start(self) -> None:
+        """Begin an episode in every environment, as far as the seeds go."""
+        self._next(range(self.buffer.num_streams))
+
+    def begin(self, seeds: Mapping[int, int]) -> None:
+        """Begin an episode of a given seed in each of some streams, which are at rest."""
+        if seeds:
+            self._beginning |= seeds
+            self.under_way += len(seeds)
+            self.stepping.reset(list(seeds), list(seeds.values()))
 
     def step(self) -> list[EndedEpisode]:
-        """Take what the rooms have answered, and send them their next commands.
+        """Take what the environments have answered, and send them their next commands.
 
-        The rooms are at work when this returns: what the caller does next overlaps with it.
+        Workers are busy when this returns: what the caller does next overlaps with them.
 
         Returns:
             The episodes that ended, in the order of their streams.
         """
-        answers = self._rooms.recv()
-        self._under_way -= len(answers.streams)
-        self._begin(answers)
-        self._append(answers)
-        rows = np.flatnonzero(answers.is_end).tolist()
-        ended = [self._finish(int(answers.streams[row]), answers.infos[row]) for row in rows]
-        self._reset([int(answers.streams[row]) for row in rows])
-        self._act(answers.streams[~answers.is_end])
+        batch = self.stepping.recv()
+        self.under_way -= len(batch.streams)
+        self._open(batch)
+        self._append(batch)
+        rows = np.flatnonzero(batch.is_end).tolist()
+        ended = [self._finish(batch, row) for row in rows]
+        self._next([int(batch.streams[row]) for row in rows])
+        self.act(batch.streams[~batch.is_end])
         return ended
 
+    def act(self, streams: NDArray[np.int64]) -> None:
+        """Let the player choose in some streams that have no command under way; `step` does so by itself."""
+        if not len(streams):
+            return
+        streams, actions, values = self._player.act(streams)
+        self._actions[streams], self._values[streams] = actions, values
+        self._send(streams)
+
     def state_dict(self) -> dict[str, Any]:
-        """What `resume` needs, between two steps: all but the frames, which the rooms can repeat."""
+        """What `resume` needs, between two steps: all but the frames, which environments can repeat."""
         return {
             "cut": self.cut,
             "beginning": dict(self._beginning),
             "running": {stream: episode.as_dict() for stream, episode in self._running.items()},
             "actions": torch.from_numpy(self._actions.copy()),
             "values": torch.from_numpy(self._values.copy()),
-            "actor": self._actor.state_dict(),
         }
 
-    def resume(self, state: dict[str, Any], running: dict[int, Running]) -> None:
-        """Go on from a state that `state_dict` gave; the rollout was made with ``begin=False``.
+    def resume(self, state: Mapping[str, Any], running: Mapping[int, Running]) -> None:
+        """Go on from a state that `state_dict` gave, instead of `start`.
 
         Args:
             state: what `state_dict` gave.
-            running: the running episodes, by stream; rooms and buffer are where the last answered action of
-                each has brought them.
+            running: the running episodes, by stream; environments and buffer are where the last answered
+                action of each has brought them.
         """
         self.cut = int(state["cut"])
         self._running = dict(running)
         self._actions[:], self._values[:] = state["actions"].numpy(), state["values"].numpy()
-        self._actor.load_state_dict(state["actor"])
-        self._command_resets(dict(state["beginning"]))
-        streams = np.array(sorted(running), dtype=np.int64)
-        self._command_actions(streams)
+        self.begin(dict(state["beginning"]))
+        self._send(np.array(sorted(running), dtype=np.int64))
 
-    def _reset(self, streams: Iterable[int]) -> None:
+    def _next(self, streams: Iterable[int]) -> None:
         seeds = dict(zip(streams, self._seeds, strict=False))
         self.begun += len(seeds)
-        self._command_resets(seeds)
+        self.begin(seeds)
 
-    def _command_resets(self, seeds: dict[int, int]) -> None:
-        """Begin an episode in each of some rooms, by stream."""
-        if seeds:
-            self._beginning |= seeds
-            self._under_way += len(seeds)
-            self._rooms.reset(list(seeds), list(seeds.values()))
-
-    def _command_actions(self, streams: NDArray[np.int64]) -> None:
-        """Take the chosen action in each of some rooms."""
+    def _send(self, streams: NDArray[np.int64]) -> None:
+        """Take the chosen action in each of some streams."""
         if len(streams):
-            self._under_way += len(streams)
-            self._rooms.send(streams, self._actions[streams])
+            self.under_way += len(streams)
+            self.stepping.send(streams, self._actions[streams])
 
-    def _begin(self, answers: Answers) -> None:
-        for row in np.flatnonzero(answers.is_first).tolist():
-            stream = int(answers.streams[row])
-            if answers.is_cut[row] and self._running.pop(stream, None) is not None:
-                self._buffer.abort(stream)
+    def _open(self, batch: StepBatch) -> None:
+        for row in np.flatnonzero(batch.is_first).tolist():
+            stream = int(batch.streams[row])
+            if batch.is_cut[row] and self._running.pop(stream, None) is not None:
+                self.buffer.abort(stream)
                 self.cut += 1
             self._beginning.pop(stream, None)
-            goal, interaction = int(answers.goals[row]), int(answers.interactions[row])
-            embedding = self._embed_goal(goal)
-            self._buffer.begin(stream, answers.images[row], goal, interaction)
-            self._actor.begin(stream, embedding, interaction)
-            self._running[stream] = Running(answers.seeds[row], goal, interaction, embedding)
+            goal, interaction = int(batch.goals[row]), int(batch.interactions[row])
+            embedding = self._player.begin(stream, goal, interaction)
+            self.buffer.begin(stream, batch.frames[row], goal, interaction)
+            self._running[stream] = Running(batch.seeds[row], goal, interaction, embedding)
 
-    def _append(self, answers: Answers) -> None:
-        rows = np.flatnonzero(~answers.is_first)
+    def _append(self, batch: StepBatch) -> None:
+        rows = np.flatnonzero(~batch.is_first)
         if not len(rows):
             return
-        streams = answers.streams[rows]
-        actions, values, rewards = self._actions[streams], self._values[streams], answers.rewards[rows]
-        self._buffer.append_batch(streams, actions, rewards, values, answers.images[rows])
+        self.steps += len(rows)
+        streams = batch.streams[rows]
+        actions, values, rewards = self._actions[streams], self._values[streams], batch.rewards[rows]
+        self.buffer.append_batch(streams, actions, rewards, values, batch.frames[rows])
         steps = zip(streams.tolist(), actions.tolist(), values.tolist(), rewards.tolist(), strict=True)
         for stream, action, value, reward in steps:
             self._running[stream].add(action, value, reward)
 
-    def _act(self, streams: NDArray[np.int64]) -> None:
-        if not len(streams):
-            return
-        actions, values = self._actor.act(streams, self._buffer.observe(streams))
-        self._actions[streams], self._values[streams] = actions, values
-        self._command_actions(streams)
-
-    def _finish(self, stream: int, info: dict[str, Any]) -> EndedEpisode:
-        outcome = Outcome.from_name(info["outcome"])
-        id = self._buffer.finish(stream, outcome)
-        return self._running.pop(stream).ended(id, outcome, int(info["reached_object"]))
-
-
-def episode_seeds(run_seed: int, *, first: int = 0, purpose: int = 0) -> Iterator[int]:
-    """Independent seeds for the episodes of a run, without end.
-
-    Args:
-        run_seed: the one seed that the user gives.
-        first: index of the first episode wanted, so that a resumed run goes on where it stopped.
-        purpose: 0 for training, 1 for evaluation: the same run seed never gives the same rooms to both.
-    """
-    index = first
-    while True:
-        yield int(np.random.SeedSequence((run_seed, purpose, index)).generate_state(1)[0])
-        index += 1
+    def _finish(self, batch: StepBatch, row: int) -> EndedEpisode:
+        stream, info = int(batch.streams[row]), batch.infos[row]
+        outcome = Outcome(info["outcome"])
+        id = self.buffer.finish(stream, outcome, terminated=bool(batch.terminated[row]))
+        return self._running.pop(stream).ended(id, stream, outcome, info.get("reached"))

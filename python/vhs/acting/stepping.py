@@ -1,8 +1,8 @@
-"""Rooms that answer: the seam between the rollout and whoever steps the environments.
+"""Stepping: the seam between those who play episodes and whoever steps the environments.
 
-Commands go out (`reset`, `send`), answers come back (`recv`), at most one command of a room is under way. In
-lock-step a `recv` brings the answers to everything that is under way, in the order of the rooms, so what
-follows does not depend on who stepped them: this process, or any number of workers.
+Commands go out (`reset`, `send`), a batch of steps comes back (`recv`), at most one command of an environment
+is under way. In lock-step a `recv` brings the answers to everything that is under way, in the order of the
+environments, so what follows does not depend on who stepped them: this process, or any number of workers.
 """
 
 from __future__ import annotations
@@ -11,24 +11,27 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
+
+from vhs.acting.environment import TaskEnv
 
 if TYPE_CHECKING:
     from vhs.rollout import RolloutPool
 
 
 @dataclass(frozen=True, slots=True)
-class Answers:
-    """What some rooms showed, a row a room, in ascending order of the rooms."""
+class StepBatch:
+    """What some environments showed, a row an environment, in ascending order of their streams."""
 
     streams: NDArray[np.int64]
-    """Which rooms, shape [n]."""
-    images: NDArray[np.uint8]
-    """Their newest frames, shape [n, height, width, colours]."""
+    """Which environments, shape [n]."""
+    frames: NDArray[Any]
+    """Their newest frames, shape [n, *frame_shape]."""
     goals: NDArray[np.int64]
+    """Instructed goal classes, shape [n]."""
     interactions: NDArray[np.int64]
+    """Instructed interactions, shape [n]."""
     rewards: NDArray[np.float32]
     """Of the step; 0 where the frame is the first of an episode."""
     seeds: list[int]
@@ -36,15 +39,22 @@ class Answers:
     is_first: NDArray[np.bool_]
     """Whether the frame is the first of an episode."""
     is_cut: NDArray[np.bool_]
-    """Whether the room's last episode was lost with its worker; always with `is_first`."""
-    is_end: NDArray[np.bool_]
-    """Whether the frame is the last of its episode."""
+    """Whether the environment's last episode was lost with its worker; always with `is_first`."""
+    terminated: NDArray[np.bool_]
+    """Whether the task ended with this step."""
+    truncated: NDArray[np.bool_]
+    """Whether a limit ended the episode with this step."""
     infos: dict[int, dict[str, Any]]
-    """`info` by row, where the room gave one."""
+    """What `TaskEnv` says of ends, by row."""
+
+    @property
+    def is_end(self) -> NDArray[np.bool_]:
+        """Whether the frame is the last of its episode."""
+        return self.terminated | self.truncated
 
 
-class Rooms(Protocol):
-    """A fixed number of rooms, numbered from 0."""
+class Stepping(Protocol):
+    """A fixed number of environments, numbered from 0."""
 
     def reset(self, streams: Sequence[int], seeds: Sequence[int]) -> None:
         """Begin an episode in each of `streams`."""
@@ -54,53 +64,65 @@ class Rooms(Protocol):
         """Take one step in each of `streams`, both of shape [n]."""
         ...
 
-    def recv(self) -> Answers:
-        """Wait for answers; there must be a command under way."""
+    def recv(self) -> StepBatch:
+        """Wait for steps; there must be a command under way."""
         ...
 
     def close(self) -> None:
-        """End the rooms."""
+        """End the environments."""
         ...
 
 
-class LocalRooms:
-    """Rooms stepped one after another in this process."""
+class LocalStepping:
+    """Environments stepped one after another in this process, when their answers are asked for."""
 
-    def __init__(self, envs: Sequence[gymnasium.Env[Any, Any]]) -> None:
+    def __init__(self, envs: Sequence[TaskEnv]) -> None:
         """Take the environments over."""
         self._envs = envs
         self._seeds = [0] * len(envs)
-        self._answers: dict[int, tuple[dict[str, Any], float, bool, bool, dict[str, Any]]] = {}
+        # Commands under way, by stream: the action, or None for a reset.
+        self._commands: dict[int, int | None] = {}
+        self.newest: StepBatch | None = None
+        """What `recv` gave last, for those who look on; the environments stand where it shows them."""
 
     def reset(self, streams: Sequence[int], seeds: Sequence[int]) -> None:
         """Begin an episode in each of `streams`."""
         for stream, seed in zip(streams, seeds, strict=True):
-            observation, info = self._envs[stream].reset(seed=seed)
             self._seeds[stream] = seed
-            self._answers[stream] = (observation, 0.0, True, False, info)
+            self._commands[stream] = None
 
     def send(self, streams: NDArray[np.int64], actions: NDArray[np.int64]) -> None:
         """Take one step in each of `streams`."""
-        for stream, action in zip(streams.tolist(), actions.tolist(), strict=True):
-            observation, reward, terminated, truncated, info = self._envs[stream].step(action)
-            self._answers[stream] = (observation, float(reward), False, terminated or truncated, info)
+        self._commands |= dict(zip(streams.tolist(), actions.tolist(), strict=True))
 
-    def recv(self) -> Answers:
-        """Everything since the last call."""
-        streams = sorted(self._answers)
-        rows = [self._answers.pop(stream) for stream in streams]
-        return Answers(
-            streams=np.array(streams, dtype=np.int64),
-            images=np.stack([row[0]["image"] for row in rows]),
+    def recv(self) -> StepBatch:
+        """Do everything that was commanded since the last call."""
+        commands, self._commands = sorted(self._commands.items()), {}
+        rows = [self._do(stream, action) for stream, action in commands]
+        self.newest = StepBatch(
+            streams=np.array([stream for stream, _ in commands], dtype=np.int64),
+            frames=np.stack([row[0]["frame"] for row in rows]),
             goals=np.array([row[0]["goal"] for row in rows], dtype=np.int64),
             interactions=np.array([row[0]["interaction"] for row in rows], dtype=np.int64),
             rewards=np.array([row[1] for row in rows], dtype=np.float32),
-            seeds=[self._seeds[stream] for stream in streams],
-            is_first=np.array([row[2] for row in rows], dtype=np.bool_),
+            seeds=[self._seeds[stream] for stream, _ in commands],
+            is_first=np.array([action is None for _, action in commands], dtype=np.bool_),
             is_cut=np.zeros(len(rows), dtype=np.bool_),
-            is_end=np.array([row[3] for row in rows], dtype=np.bool_),
+            terminated=np.array([row[2] for row in rows], dtype=np.bool_),
+            truncated=np.array([row[3] for row in rows], dtype=np.bool_),
             infos={index: row[4] for index, row in enumerate(rows) if row[4]},
         )
+        return self.newest
+
+    def _do(
+        self, stream: int, action: int | None
+    ) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        env = self._envs[stream]
+        if action is None:
+            observation, info = env.reset(seed=self._seeds[stream])
+            return observation, 0.0, False, False, info
+        observation, reward, terminated, truncated, info = env.step(action)
+        return observation, float(reward), terminated, truncated, info
 
     def close(self) -> None:
         """End the environments."""
@@ -108,18 +130,23 @@ class LocalRooms:
             env.close()
 
 
-class PooledRooms:
-    """Rooms stepped by the workers of a `RolloutPool` that resets nothing by itself."""
+class PooledStepping:
+    """Environments stepped by the workers of a `RolloutPool` that resets nothing by itself."""
 
-    def __init__(self, pool: RolloutPool, min_ready: int | None) -> None:
+    def __init__(self, pool: RolloutPool, min_ready: int | None = None) -> None:
         """Take the pool over.
 
         Args:
-            pool: made with ``autoreset="Disabled"``: the seed of every episode is the rollout's to choose.
+            pool: of `TaskEnv`, made with ``autoreset="Disabled"``: the seed of every episode is chosen here.
             min_ready: answers to wait for; None waits for all (lock-step).
         """
         self._pool = pool
         self._min_ready = min_ready
+
+    @property
+    def pids(self) -> tuple[int | None, ...]:
+        """Process of each worker, None where it has ended."""
+        return tuple(self._pool.pids)
 
     def reset(self, streams: Sequence[int], seeds: Sequence[int]) -> None:
         """Begin an episode in each of `streams`."""
@@ -129,21 +156,22 @@ class PooledRooms:
         """Take one step in each of `streams`."""
         self._pool.send(actions, streams)
 
-    def recv(self) -> Answers:
+    def recv(self) -> StepBatch:
         """Wait for as many answers as were asked for, and take all there are."""
         wanted = None if self._min_ready is None else min(self._min_ready, self._pool.num_under_way)
         batch = self._pool.recv(wanted)
         observation = batch.observation
-        return Answers(
+        return StepBatch(
             streams=batch.env_ids,
-            images=observation["image"],
+            frames=observation["frame"],
             goals=observation["goal"],
             interactions=observation["interaction"],
             rewards=batch.rewards.astype(np.float32),
             seeds=batch.seeds.tolist(),
             is_first=batch.is_first,
             is_cut=batch.is_cut,
-            is_end=batch.terminated | batch.truncated,
+            terminated=batch.terminated,
+            truncated=batch.truncated,
             infos=batch.infos,
         )
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import difflib
 import reprlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,7 +13,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from vhs.config.schema import Config
+from vhs.config.schema import Config, idle_keys, unread_keys
 from vhs.config.yaml12 import dump_yaml, parse_yaml
 from vhs.errors import ConfigError
 from vhs.reading import read_bounded
@@ -34,6 +34,9 @@ def load_config(
 ) -> Config:
     """Resolve a configuration: defaults, then each file in order, then each ``key=value``.
 
+    A file that names no method speaks to all of them: its keys reach the methods that read them. A whole
+    configuration, as a run saves it, may hold keys that its method does not read: earlier versions wrote all.
+
     Args:
         paths: YAML files, each a mapping of some of the sections of `Config`.
         overrides: dotted assignments such as ``train.learning_rate=1e-4``.
@@ -41,21 +44,27 @@ def load_config(
 
     Raises:
         ConfigError: a file that cannot be read, an unknown key (the nearest right one is named), a value of
-            the wrong type or out of range.
+            the wrong type or out of range, a key that the method does not read.
     """
     trees = [read_yaml(Path(path), may_be_pipe=may_be_pipe) for path in paths]
-    return resolve_config([*trees, *(nest(*parse_assignment(text)) for text in overrides)])
+    return resolve_config(trees, (nest(*parse_assignment(text)) for text in overrides))
 
 
-def resolve_config(trees: Iterable[Mapping[str, Any]]) -> Config:
+def resolve_config(
+    overlays: Iterable[Mapping[str, Any]], assignments: Iterable[Mapping[str, Any]] = ()
+) -> Config:
     """Resolve a configuration from nested mappings, later ones over earlier ones.
+
+    Args:
+        overlays: as of files, see `load_config`.
+        assignments: over those; each is meant for the method that results.
 
     Raises:
         ConfigError: as `load_config`.
     """
-    tree: dict[str, Any] = {}
-    for overlay in trees:
-        _merge(tree, copy.deepcopy(overlay))
+    given, meant = list(overlays), list(assignments)
+    whole = _merged([*given, *meant])
+    tree = _merged([*(_heard(overlay, whole) for overlay in given), *meant])
     return validate(Config, tree, list(known_keys()))
 
 
@@ -93,8 +102,9 @@ def _truths(given: Any, taken: Any, where: str = "") -> Iterator[tuple[str, str]
 
 
 def dump_config(config: Config) -> str:
-    """The configuration as YAML that `load_config` reads back to the same value."""
-    return dump_yaml(config.model_dump(mode="json"))
+    """The configuration as YAML that `load_config` reads back to the same value: the keys that are read."""
+    unread = {key for key, _ in unread_keys(config.method.parts)}
+    return dump_yaml(_without(config.model_dump(mode="json"), unread))
 
 
 def read_yaml(path: Path, *, may_be_pipe: bool = True) -> dict[str, Any]:
@@ -137,6 +147,37 @@ def nest(key: str, value: Any) -> dict[str, Any]:
     for part in reversed(key.split(".")):
         value = {part: value}
     return dict(value)
+
+
+def _heard(overlay: Mapping[str, Any], whole: Mapping[str, Any]) -> Mapping[str, Any]:
+    """What an overlay has to say in the `whole` configuration that it is a part of."""
+    section = overlay.get("method")
+    if overlay.keys() >= Config.model_fields.keys():
+        return _without(overlay, idle_keys(overlay))
+    names_method = isinstance(section, Mapping) and "name" in section
+    return overlay if names_method else _without(overlay, idle_keys(whole))
+
+
+def _without(tree: Mapping[str, Any], keys: Container[str], prefix: str = "") -> dict[str, Any]:
+    """A nested mapping without some dotted keys."""
+    return {
+        key: _without(value, keys, f"{prefix}{key}.") if isinstance(value, Mapping) else value
+        for key, value in tree.items()
+        if f"{prefix}{key}" not in keys
+    }
+
+
+def _merged(trees: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Later mappings over earlier ones."""
+    tree: dict[str, Any] = {}
+    for overlay in trees:
+        _merge(tree, copy.deepcopy(overlay))
+    return tree
+
+
+def unflatten(keys: Mapping[str, Any]) -> dict[str, Any]:
+    """Dotted keys as a nested mapping, later ones over earlier ones."""
+    return _merged(nest(key, value) for key, value in keys.items())
 
 
 def _merge(tree: dict[str, Any], overlay: Mapping[str, Any]) -> None:

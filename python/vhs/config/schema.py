@@ -8,17 +8,51 @@ it says why.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic_core import PydanticCustomError
 
-from vhs.learning.methods import METHODS, Embedding, MethodName, Parts, check_parts
+from vhs.learning.methods import METHODS, Embedding, Method, check_method, settle
 
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 PositiveInt = Annotated[int, Field(ge=1)]
 NonNegativeFloat = Annotated[float, Field(ge=0.0)]
 PositiveFloat = Annotated[float, Field(gt=0.0)]
 OutcomeName = Literal["success", "failure", "timeout"]
+
+
+@dataclass(frozen=True, slots=True)
+class Of:
+    """Marks a key that only some parts of a method read; a method without them refuses it."""
+
+    parts: tuple[str, ...]
+    """Terms, or what names goals: `Method.parts`."""
+
+    def is_read(self, parts: frozenset[str]) -> bool:
+        """Whether a method of these parts reads the key."""
+        return not parts.isdisjoint(self.parts)
+
+
+_RL = Of(("policy", "value"))
+_RETURNS = Of(("policy", "value", "imitation_value"))
+_VALUE = Of(("value",))
+_ENTROPY = Of(("entropy",))
+_SUPCON = Of(("supcon",))
+_GOAL_IMAGES = Of(("supcon", "discriminator"))
+_PROTOTYPE = Of(("prototype",))
+_IMITATION = Of(("imitation_policy", "imitation_value"))
+_IMITATION_VALUE = Of(("imitation_value",))
+_DISCRIMINATOR = Of(("discriminator",))
+
+
+def _known_method(name: str) -> str:
+    if name not in METHODS:
+        *others, last = (f"'{known}'" for known in METHODS)
+        raise PydanticCustomError("literal_error", f"Input should be {', '.join(others)} or {last}")
+    return name
 
 
 class _Section(BaseModel):
@@ -62,64 +96,65 @@ class ModelSection(_Section):
 class MethodSection(_Section):
     """The method, and what makes VHS out of an actor-critic: goals, prototypes, relabelling."""
 
-    name: MethodName = "vhs"
-    """What `vhs.learning.methods` makes of the parts below; a key of a part that a method lacks does
-    nothing."""
+    name: Annotated[str, AfterValidator(_known_method)] = "vhs"
+    """A row of `vhs.learning.methods`; a key of a part that the method lacks is refused."""
     embedding: Embedding = "prototype"
     """What names a goal to the policy: `prototype` (paper: PG), or `word`, a learned vector a goal class; the
     method's own unless given."""
-    supcon_weight: NonNegativeFloat = 0.5
+    supcon_weight: Annotated[NonNegativeFloat, _SUPCON] = 0.5
     """Weight of the SupCon loss (paper: 0.5)."""
-    supcon_batch: Annotated[int, Field(ge=2)] = 16
+    supcon_batch: Annotated[Annotated[int, Field(ge=2)], _GOAL_IMAGES] = 16
     """Goal images in a SupCon batch of a learner (paper: 64; a quarter of it serves as well)."""
-    supcon_temperature: PositiveFloat = 0.07
+    supcon_temperature: Annotated[PositiveFloat, _SUPCON] = 0.07
     """Temperature tau_s (paper: 0.07)."""
-    warmup: PositiveInt = 100
+    warmup: Annotated[PositiveInt, _GOAL_IMAGES] = 100
     """Goal images in the store before the loss on them starts (paper: 150), and with it running prototypes:
     until then no goal can be told from another. An exact one starts with the first image of its class."""
     goal_capacity: PositiveInt = 500
     """Goal images kept a class, the oldest leave first (the paper gives no bound)."""
-    prototype: Literal["running", "exact"] = "running"
+    prototype: Annotated[Literal["running", "exact"], _PROTOTYPE] = "running"
     """`running` reuses the features of the SupCon batch; `exact` embeds `prototype_samples` images a class
     (paper)."""
-    prototype_momentum: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.9
+    prototype_momentum: Annotated[Annotated[float, Field(ge=0.0, lt=1.0)], _PROTOTYPE] = 0.9
     """Share of the old prototype that a running update keeps."""
-    prototype_samples: PositiveInt = 64
+    prototype_samples: Annotated[PositiveInt, _PROTOTYPE] = 64
     """Images a class behind an exact prototype (paper: 64)."""
-    relabel_probability: Probability = 0.8
+    relabel_probability: Annotated[Probability, _IMITATION] = 0.8
     """Chance that an episode of `relabel_on` is relabelled (paper: eta = 0.8)."""
-    relabel_on: tuple[OutcomeName, ...] = ("failure",)
+    relabel_on: Annotated[tuple[OutcomeName, ...], _IMITATION] = ("failure",)
     """Outcomes that are relabelled (paper: failure; its ablation adds timeout; Ghosh et al. take all)."""
-    hindsight_discount: Probability = 0.7
+    hindsight_discount: Annotated[Probability, _IMITATION] = 0.7
     """Weight of an imitated action for each step between it and the end of its episode (paper: 1); below 1
     the approach to the goal counts more than the wandering before it."""
-    vhs_weight: NonNegativeFloat = 1.0
+    vhs_weight: Annotated[NonNegativeFloat, _IMITATION] = 1.0
     """Weight of the self-imitation loss (paper: beta, no number given)."""
-    hindsight_goal: Literal["feature", "prototype"] = "prototype"
+    hindsight_goal: Annotated[Literal["feature", "prototype"], _IMITATION] = "prototype"
     """Goal of a relabelled episode: `feature` is f(o_T) (paper); `prototype` the class prototype nearest to
     f(o_T) in angle, which is what the policy is asked for when acting."""
-    value_target: Literal["behaviour", "hindsight_return"] = "behaviour"
+    value_target: Annotated[Literal["behaviour", "hindsight_return"], _IMITATION_VALUE] = "behaviour"
     """Target of the hindsight value: the critic's value when acting (paper), or the return as if it had
     succeeded."""
-    discriminator_weight: NonNegativeFloat = 0.5
+    discriminator_weight: Annotated[NonNegativeFloat, _DISCRIMINATOR] = 0.5
     """Weight of GDAN's goal-discriminator loss (Kim et al. 2021, their code: 0.5)."""
 
     @property
-    def parts(self) -> Parts:
+    def row(self) -> Method:
         """What the method is made of."""
         return METHODS[self.name]
 
+    @property
+    def parts(self) -> frozenset[str]:
+        """What reads its keys."""
+        return self.row.parts(self.embedding)
+
     @model_validator(mode="before")
     @classmethod
-    def _own_embedding(cls, given: Any) -> Any:
-        if isinstance(given, dict) and given.get("embedding") is None:
-            parts = METHODS.get(str(given.get("name", "vhs")), METHODS["vhs"])
-            return given | {"embedding": parts.embedding}
-        return given
+    def _settle(cls, given: Any) -> Any:
+        return settle(given) if isinstance(given, dict) else given
 
     @model_validator(mode="after")
     def _parts_fit_together(self) -> MethodSection:
-        check_parts(self.name, self.embedding, self.relabel_probability, self.relabel_on, self.vhs_weight)
+        check_method(self.name, dict(self))
         return self
 
 
@@ -141,19 +176,19 @@ class TrainSection(_Section):
     given, it is at most `learning_rate`."""
     schedule_episodes: PositiveInt = 30_000
     """Episodes over which learning rate and entropy weight move to their ends."""
-    gamma: Probability = 0.95
+    gamma: Annotated[Probability, _RETURNS] = 0.95
     """Discount (paper: 0.99; then a goal in view is worth little more than one that is not)."""
-    return_lambda: Probability = 0.75
+    return_lambda: Annotated[Probability, _RL] = 0.75
     """Lambda of the returns: 1 is Monte-Carlo (paper); less trusts the critic's next values in part, and what
     is left of timeouts goes twice as fast."""
-    reward_scale: PositiveFloat = 0.1
+    reward_scale: Annotated[PositiveFloat, _RETURNS] = 0.1
     """Factor on the environment's reward; at 1 the policy's entropy collapses."""
-    value_weight: NonNegativeFloat = 5.0
+    value_weight: Annotated[NonNegativeFloat, _VALUE] = 5.0
     """Weight of the critic's loss (paper: 0.5). The critic teaches the extractor to see a goal that is small
     and far: the value jumps there, while the policy alone loses little by turning past it."""
-    entropy_weight: NonNegativeFloat = 0.03
+    entropy_weight: Annotated[NonNegativeFloat, _ENTROPY] = 0.03
     """Entropy coefficient at the start (paper: 0.01; then one of the two turns dies out early)."""
-    entropy_weight_end: NonNegativeFloat | None = 0.004
+    entropy_weight_end: Annotated[NonNegativeFloat | None, _ENTROPY] = 0.004
     """Entropy coefficient from `schedule_episodes` on, reached linearly; null keeps `entropy_weight` (paper).
     Unless given, it is at most `entropy_weight`."""
     max_grad_norm: PositiveFloat = 10.0
@@ -203,6 +238,21 @@ class Config(_Section):
         return given
 
     @model_validator(mode="after")
+    def _every_key_is_read(self) -> Config:
+        wrong = []
+        for key, of in unread_keys(self.method.parts):
+            section, _, leaf = key.partition(".")
+            values = getattr(self, section)
+            if leaf in values.model_fields_set:
+                wrong.append(
+                    f"{key}: expected none for method.name = {self.method.name}, which has no "
+                    f"{' and no '.join(of.parts)}, found {getattr(values, leaf)}"
+                )
+        if wrong:
+            raise ValueError("\n".join(wrong))
+        return self
+
+    @model_validator(mode="after")
     def _workers_share_rooms(self) -> Config:
         env = self.env
         if env.num_workers and env.num_envs % env.num_workers:
@@ -227,12 +277,32 @@ class Config(_Section):
 
     @model_validator(mode="after")
     def _warmup_fits_store(self) -> Config:
-        if self.method.warmup > self.method.goal_capacity:
+        if _GOAL_IMAGES.is_read(self.method.parts) and self.method.warmup > self.method.goal_capacity:
             raise ValueError(
                 f"method.warmup: expected at most method.goal_capacity = {self.method.goal_capacity}, "
                 f"found {self.method.warmup}; with one class alone the store would never hold that many"
             )
         return self
+
+
+def unread_keys(parts: frozenset[str]) -> Iterator[tuple[str, Of]]:
+    """Dotted keys that a method of some parts does not read, each with what would read it."""
+    for section, kind in (("method", MethodSection), ("train", TrainSection)):
+        for leaf, field in kind.model_fields.items():
+            for of in field.metadata:
+                if isinstance(of, Of) and not of.is_read(parts):
+                    yield f"{section}.{leaf}", of
+
+
+def idle_keys(tree: Mapping[str, Any]) -> set[str]:
+    """Dotted keys that an unchecked configuration has no say in: those its method does not read, or fixes."""
+    section = tree.get("method")
+    section = settle(section if isinstance(section, Mapping) else {})
+    method = METHODS.get(str(section.get("name", "vhs")))
+    if method is None:
+        return set()
+    unread = {key for key, _ in unread_keys(method.parts(str(section["embedding"])))}
+    return unread | {f"method.{key}" for key in method.fixed}
 
 
 def _is_below(value: Any, limit: float) -> bool:

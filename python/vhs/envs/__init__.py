@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from gymnasium.envs.registration import register, registry
 
 import vhs.envs.opengl  # noqa: F401  its effect is needed before anything imports mujoco
-from vhs.envs.config import OBJECT_NAMES, TASKS, RoomConfig, Task
+from vhs.envs.config import OBJECT_NAMES, TASKS, RoomConfig, RoomTask
 from vhs.envs.rewards import compute_reward, reward_terms
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ __all__ = [
     "NoOpenGLError",
     "RoomConfig",
     "RoomEnv",
-    "Task",
+    "RoomTask",
     "compute_reward",
     "optimal_steps",
     "plan",
@@ -49,10 +49,9 @@ def register_envs() -> None:
     Called on import.
     """
     for task in TASKS:
-        env_id = f"vhs/{task.name}-v0"
-        if env_id not in registry:
+        if task.env_id not in registry:
             # No max_episode_steps: the room counts its own horizon, since a timeout has a reward of its own.
-            register(env_id, entry_point="vhs.envs.room:RoomEnv", kwargs={"task": task.name})
+            register(task.env_id, entry_point="vhs.envs.room:RoomEnv", kwargs={"task": task.name})
 
 
 def __getattr__(name: str) -> Any:

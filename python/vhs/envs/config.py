@@ -1,7 +1,7 @@
 """Every number of the room, once, with its unit and where it comes from.
 
-Owns `RoomConfig` (the room, the robot's motion, the camera, the rewards) and `Task` (what sets the three
-tasks apart). Both are frozen: an environment never changes its own rules.
+Owns `RoomConfig` (the room, the robot's motion, the camera, the rewards) and `RoomTask` (what sets the
+three tasks apart). Both are frozen: an environment never changes its own rules.
 
 "paper" marks numbers given by the paper's experiments section; "chosen" marks numbers that the paper leaves
 open.
@@ -24,13 +24,20 @@ HEADINGS = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class RoomTask:
     """What sets one task apart from the others (paper: section "Task Details")."""
 
     name: str
     """Name in the gymnasium id, without namespace and version."""
+    title: str
+    """Name in the paper."""
     interactions: int
     """Interaction actions on offer; 0 means that reaching an object ends the episode by itself."""
+
+    @property
+    def env_id(self) -> str:
+        """What `gymnasium.make` takes."""
+        return f"vhs/{self.name}-v0"
 
     @property
     def num_actions(self) -> int:
@@ -38,9 +45,9 @@ class Task:
         return FIRST_INTERACTION + self.interactions
 
 
-OBJECT_NAV = Task("ObjectNav", interactions=0)
-INTERACTIVE_OBJECT_NAV = Task("InteractiveObjectNav", interactions=1)
-MULTI_INTERACTION_OBJECT_NAV = Task("MultiInteractionObjNav", interactions=3)
+OBJECT_NAV = RoomTask("ObjectNav", "Task 1", interactions=0)
+INTERACTIVE_OBJECT_NAV = RoomTask("InteractiveObjectNav", "Task 2", interactions=1)
+MULTI_INTERACTION_OBJECT_NAV = RoomTask("MultiInteractionObjNav", "Task 3", interactions=3)
 TASKS = (OBJECT_NAV, INTERACTIVE_OBJECT_NAV, MULTI_INTERACTION_OBJECT_NAV)
 """Task 1, 2 and 3 of the paper."""
 

@@ -20,7 +20,7 @@ from vhs.envs.kinematics import Pose
 from vhs.envs.rendering import first_person_source
 from vhs.envs.room import RoomEnv
 from vhs.envs.scene import ObjectPose
-from vhs.envs.textures import png_bytes
+from vhs.png import png_bytes
 
 Image = NDArray[np.uint8]
 

@@ -36,6 +36,14 @@ class Pose(NamedTuple):
     """Index in 0..8 of the heading, in turns of 45 degrees counter-clockwise from x."""
 
 
+class MeasuredPose(NamedTuple):
+    """Where the simulation has the base, which the commanded pose is a lattice point beside."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+
+
 @dataclass(frozen=True, slots=True)
 class Footprint:
     """Outline of one object on the floor: an oriented rectangle around its centre."""

@@ -17,7 +17,8 @@ import numpy as np
 
 from vhs.envs.config import OBJECT_NAMES
 from vhs.envs.shapes import Mesh, bottle, carton
-from vhs.envs.textures import label_wrap, png_bytes
+from vhs.envs.textures import label_wrap
+from vhs.png import png_bytes
 
 MESH_FILE = "mesh.obj"
 TEXTURE_FILE = "texture.png"

@@ -26,7 +26,7 @@ from vhs.envs.config import (
     OBJECT_NAMES,
     TASKS,
     RoomConfig,
-    Task,
+    RoomTask,
 )
 from vhs.envs.kinematics import Pose
 from vhs.envs.placement import sample_layout
@@ -53,7 +53,7 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
 
     def __init__(
         self,
-        task: Task | str,
+        task: RoomTask | str,
         config: RoomConfig | None = None,
         *,
         render_mode: str | None = None,
@@ -236,9 +236,9 @@ def _checked_index(name: str, value: SupportsIndex, limit: int) -> int:
     return index
 
 
-def _find_task(task: Task | str) -> Task:
+def _find_task(task: RoomTask | str) -> RoomTask:
     """The task of a name."""
-    if isinstance(task, Task):
+    if isinstance(task, RoomTask):
         return task
     by_name = {known.name: known for known in TASKS}
     if task not in by_name:

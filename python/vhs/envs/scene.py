@@ -28,7 +28,8 @@ from vhs.envs.robot import (
     robot_body_xml,
     tune_servos,
 )
-from vhs.envs.textures import planks, png_bytes, tiles
+from vhs.envs.textures import planks, tiles
+from vhs.png import png_bytes
 
 NEAR_WALL_GROUP = 2
 """Geom group of the two walls between the onlooker and the room, cut away in the third-person view."""

@@ -1,4 +1,4 @@
-"""Procedural textures and a PNG writer, so that the room needs no asset files.
+"""Procedural textures, so that the room needs no asset files.
 
 Owns the pictures on objects, floor and walls. Pictures are uint8 [H, W, 3], row 0 at the top; the same call
 always gives the same bytes.
@@ -9,8 +9,6 @@ nothing of the room can be taken for an object even where an object covers only 
 
 from __future__ import annotations
 
-import struct
-import zlib
 from collections.abc import Sequence
 
 import numpy as np
@@ -66,22 +64,6 @@ def planks(colour: Colour, other: Colour, seed: int, planks_a_side: int, upright
     # A dark skirting board marks where the wall meets the floor.
     picture[int(side * 0.94) :] *= 0.6
     return _grained(picture, seed)
-
-
-def png_bytes(picture: Picture) -> bytes:
-    """Encode uint8 [H, W, 3] as a PNG file."""
-    height, width, channels = picture.shape
-    if picture.dtype != np.uint8 or channels != 3:
-        raise ValueError(f"picture: expected uint8 [H, W, 3], found {picture.dtype} {list(picture.shape)}")
-    # Filter type 0 (none) starts each row.
-    rows = np.concatenate([np.zeros((height, 1), np.uint8), picture.reshape(height, -1)], axis=1)
-    header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
-    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows.tobytes(), 9)), (b"IEND", b""))
-    body = b"".join(
-        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
-        for kind, data in chunks
-    )
-    return b"\x89PNG\r\n\x1a\n" + body
 
 
 def _grained(picture: NDArray[np.float64], seed: int) -> Picture:

@@ -23,7 +23,7 @@ from vhs.envs.config import (
     TURN_LEFT,
     RoomConfig,
 )
-from vhs.envs.kinematics import HEADING_RAD, Footprint, Pose, nearest_in_reach, strided, turned
+from vhs.envs.kinematics import HEADING_RAD, Footprint, MeasuredPose, Pose, nearest_in_reach, strided, turned
 from vhs.envs.robot import ARM_FOLDED_RAD, BASE_JOINTS, JOINTS
 from vhs.envs.scene import ObjectPose, RoomModel
 
@@ -64,10 +64,9 @@ class World:
         return self._room.model
 
     @property
-    def measured_pose(self) -> tuple[float, float, float]:
-        """X and y in metres and yaw in radians, from the simulation."""
-        x_m, y_m, yaw_rad = self.data.qpos[_BASE].tolist()
-        return x_m, y_m, yaw_rad
+    def measured_pose(self) -> MeasuredPose:
+        """From the simulation."""
+        return MeasuredPose(*self.data.qpos[_BASE].tolist())
 
     def arrange(self, start: Pose, poses: Sequence[ObjectPose]) -> None:
         """Put robot and objects in place, at rest.

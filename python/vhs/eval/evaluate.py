@@ -1,8 +1,7 @@
 """Success rate and SPL of a trained agent over episodes that training never saw.
 
 SPL is success weighted by optimal over taken steps (Anderson et al. 2018, "On Evaluation of Embodied
-Navigation Agents", Eq. 1), with actions as the length; the optimum is the oracle's, which plans with the true
-state.
+Navigation Agents", Eq. 1), with actions as the length; a task says the shortest way, or there is no SPL.
 """
 
 from __future__ import annotations
@@ -18,14 +17,13 @@ import torch
 from numpy.typing import NDArray
 
 from vhs import Outcome
-from vhs.acting.episodes import EndedEpisode, Rollout, episode_seeds
-from vhs.acting.policy import TrainedAgent, load_agent
-from vhs.acting.stepping import LocalRooms
-from vhs.config import Config
-from vhs.envs import optimal_steps
-from vhs.envs.oracle import NoPlanError
+from vhs.acting.episodes import EndedEpisode, Episodes
+from vhs.acting.policy import Policy, load_agent
+from vhs.acting.seeds import episode_seeds
+from vhs.acting.setup import make_buffer, make_env
+from vhs.acting.stepping import LocalStepping
 from vhs.runs.window import summarise
-from vhs.train.build import make_buffer, make_envs
+from vhs.task import Task
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +33,13 @@ class Evaluation:
     success: float
     failure: float
     timeout: float
-    spl: float
-    """Success weighted by optimal / taken steps, over the episodes that have a plan within the horizon."""
+    spl: float | None
+    """Success weighted by optimal / taken steps, over the episodes that have a way to success; None where the
+    task does not say the shortest way."""
     steps: float
     """Mean actions an episode."""
-    optimal_steps: float
-    """Mean actions of the oracle in those episodes."""
+    optimal_steps: float | None
+    """Mean actions of the shortest ways of those episodes; None likewise."""
     episodes: int
     seed: int
     greedy: bool
@@ -51,33 +50,34 @@ class Evaluation:
         return asdict(self)
 
 
-def evaluate(run: Path, *, episodes: int = 300, seed: int = 0, greedy: bool = False) -> Evaluation:
+def evaluate(
+    run: Path, *, episodes: int = 300, seed: int = 0, greedy: bool = False, task: Task | None = None
+) -> Evaluation:
     """Evaluate the newest checkpoint of a run, or an exported agent.
 
     Args:
         run: directory of the run or of the exported agent.
-        episodes: how many, each in a room of its own (paper: 300).
-        seed: which rooms; the same seed gives the same rooms for every run.
+        episodes: how many, each under a seed of its own (paper: 300).
+        seed: which episodes; the same seed gives the same ones to every run.
         greedy: take the likeliest action instead of sampling from the policy.
+        task: what it was trained on; None: the task that its configuration names.
 
     Raises:
         CheckpointError: the run is missing or damaged.
     """
-    trained = load_agent(run)
+    trained = load_agent(run, task)
     torch.set_num_threads(trained.config.train.threads)
     ended = _play(trained, episodes=episodes, seed=seed, greedy=greedy)
-    optimal = _optimal(trained.config, [episode.seed for episode in ended])
-    has_plan = np.isfinite(optimal)
-    taken = np.array([episode.steps for episode in ended], dtype=np.float64)
-    success = np.array([episode.outcome == Outcome.SUCCESS for episode in ended])
+    shortest = _shortest(trained.task, [episode.seed for episode in ended])
+    spl, optimal = (None, None) if shortest is None else _path_lengths(ended, shortest)
     rates = summarise(ended)
     return Evaluation(
         success=rates["success"],
         failure=rates["failure"],
         timeout=rates["timeout"],
-        spl=success_weighted_by_path_length(success[has_plan], optimal[has_plan], taken[has_plan]),
+        spl=spl,
         steps=rates["steps"],
-        optimal_steps=float(optimal[has_plan].mean()) if has_plan.any() else 0.0,
+        optimal_steps=optimal,
         episodes=episodes,
         seed=seed,
         trained_episodes=trained.trained_episodes,
@@ -92,28 +92,37 @@ def success_weighted_by_path_length(
     return float((success * optimal / np.maximum(taken, optimal)).mean()) if len(success) else 0.0
 
 
-def _play(trained: TrainedAgent, *, episodes: int, seed: int, greedy: bool) -> list[EndedEpisode]:
+def _play(trained: Policy, *, episodes: int, seed: int, greedy: bool) -> list[EndedEpisode]:
     """Run every episode once; their order does not matter to any mean."""
-    config, learner = trained.config, trained.learner
-    envs = make_envs(config, min(config.env.num_envs, episodes))
-    actor = trained.actor(seed, greedy, len(envs))
-    buffer = make_buffer(config, envs[0], len(envs), len(envs))
+    streams = min(trained.config.env.num_envs, episodes)
+    stepping = LocalStepping([make_env(trained.task, trained.spec) for _ in range(streams)])
+    buffer = make_buffer(trained.config, trained.spec, streams, streams)
     seeds = islice(episode_seeds(seed, purpose=1), episodes)
-    rollout = Rollout(LocalRooms(envs), len(envs), actor, buffer, learner.embed_goal, seeds)
+    played = Episodes(stepping, trained.player(buffer, seed, greedy), buffer, seeds)
+    played.start()
     ended: list[EndedEpisode] = []
-    while not rollout.is_done:
-        ended += rollout.step()
+    while not played.is_done:
+        ended += played.step()
     return ended
 
 
-def _optimal(config: Config, seeds: list[int]) -> NDArray[np.float64]:
-    """Length of the oracle's plan for each seed; infinite where none fits the horizon."""
-    env = make_envs(config, 1)[0]
+def _shortest(task: Task, seeds: list[int]) -> NDArray[np.float64] | None:
+    """Fewest steps to success for each seed, infinite where there is no way; None where nobody knows."""
+    if task.shortest is None:
+        return None
+    env = task.make()
     lengths: list[float] = []
     for seed in seeds:
         env.reset(seed=seed)
-        try:
-            lengths.append(optimal_steps(env))
-        except NoPlanError:
-            lengths.append(math.inf)
+        steps = task.shortest(env)
+        lengths.append(math.inf if steps is None else steps)
     return np.array(lengths, dtype=np.float64)
+
+
+def _path_lengths(ended: list[EndedEpisode], shortest: NDArray[np.float64]) -> tuple[float, float]:
+    """SPL and the mean of the shortest ways, over the episodes that have one."""
+    has_way = np.isfinite(shortest)
+    taken = np.array([episode.steps for episode in ended], dtype=np.float64)
+    success = np.array([episode.outcome == Outcome.SUCCESS for episode in ended])
+    spl = success_weighted_by_path_length(success[has_way], shortest[has_way], taken[has_way])
+    return spl, float(shortest[has_way].mean()) if has_way.any() else 0.0

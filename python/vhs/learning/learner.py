@@ -1,51 +1,69 @@
-"""Visual hindsight self-imitation on an actor-critic: paper Algorithm 1 and Eq. 6; less of it is A3C or PG.
+"""One update of any method: gather once, run forward once, sum the method's terms, step (paper Eq. 6).
 
-Each learner of an update embeds every image it needs - episodes and goal images - in one pass of the
+Each share of an update embeds every image that it needs - episodes and goal images - in one pass of the
 extractor, so that the batch norm normalises f(o_T) and the features behind the prototypes alike, and runs the
 LSTM once over the episodes as they happened and, under the goal that they reached, over those that are
-relabelled. One optimiser step follows from the mean of their gradients.
+relabelled. One optimiser step follows from the mean of the shares' gradients.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
-from torch.nn.functional import normalize
 
-from vhs import EpisodeBatch, GoalStore, Hindsight, Prototypes, Rng, discounted_returns, relabel
+from vhs import EpisodeBatch, Hindsight, Rng, relabel
 from vhs.config import MethodSection, TrainSection
 from vhs.errors import DivergenceError
-from vhs.learning.replicas import Replicas
-from vhs.learning.shares import GoalImages, Learned, Share, to_arrays, to_numpy, to_tensors
-from vhs.losses import (
-    ImitationTerms,
-    actor_critic_loss,
-    hindsight_imitation_loss,
-    lambda_returns,
-    supcon_loss,
-)
+from vhs.learning.goals import GoalImages, Goals
+from vhs.learning.parallel import Replicas
+from vhs.learning.terms import TERMS, Episodes, Forward, Images, Over, Term
 from vhs.models import GoalAgent, to_device
 
 
-class VHS:
-    """The agent with its goal store, prototypes and optimiser.
+class Share(NamedTuple):
+    """What one learner of an update learns from."""
 
-    The goal store is read here and filled by the training loop. Goals made of images are constants in every
-    loss, goal words are learned. Which terms there are, `vhs.learning.methods` says: without relabelling this
-    is PG, without the goal store too it is A3C (Mnih et al. 2016).
+    batch: EpisodeBatch
+    goals: Tensor
+    """The goal embedding each episode was acted under, shape [B, feature_dim]."""
+    hindsight: Hindsight
+    images: GoalImages | None
+
+
+class Learned(NamedTuple):
+    """What one learner found: unweighted terms, features of its goal images, float32 [n, feature_dim]."""
+
+    terms: dict[str, Tensor]
+    image_features: Tensor
+
+
+class _Pass(NamedTuple):
+    """Episodes for the LSTM, each under one goal."""
+
+    over: Over
+    rows: NDArray[np.int64]
+    """Which of the batch, shape [B]."""
+    inputs: tuple[Tensor, Tensor, Tensor]
+    """Features [B, T, feature_dim], goals [B, feature_dim], interactions [B]."""
+
+
+class Learner:
+    """Agent, goals and optimiser: what an update changes.
+
+    Goals made of images are constants in every loss, goal words are learned. The terms are those of the
+    method's row in `vhs.learning.methods`.
     """
 
     def __init__(
         self,
         agent: GoalAgent,
-        goal_store: GoalStore,
-        prototypes: Prototypes,
+        goals: Goals,
         *,
         method: MethodSection,
         train: TrainSection,
@@ -57,54 +75,36 @@ class VHS:
 
         Args:
             agent: the networks, on the device they stay on.
-            goal_store: images of reached goals.
-            prototypes: running goal embeddings.
-            method: weights and switches of the method.
+            goals: what names goals, and their images.
+            method: its row says the terms, its keys their weights and switches.
             train: optimiser settings.
             success_reward: what the environment pays for the last step of a success, unscaled.
             dtype: type in which the convolutions multiply.
             rng: the source of the relabelling decisions.
         """
         self.agent = agent
-        self.goal_store = goal_store
-        self.prototypes = prototypes
+        self.goals = goals
         self.optimiser = torch.optim.Adam(
             agent.parameters(), lr=train.learning_rate, amsgrad=True, fused=True
         )
-        self._replicas = Replicas(agent, train.learners, train.threads)
         self.rng = rng
         self.updates = 0
+        self.dtype = dtype
+        self._replicas = Replicas(agent, train.learners, train.threads)
         self._method = method
         self._train = train
         self._success_reward = success_reward
-        self.dtype = dtype
+        self._terms: dict[str, Term] = {name: TERMS[name] for name in method.row.terms}
+        self._over = {term.over for term in self._terms.values()}
         self._device = agent.gate.weight.device
 
-    def embed_goal(self, label: int) -> Tensor:
-        """The goal embedding of a class for one episode: its word, or p^x (paper Eq. 4).
-
-        While there is no prototype, it is N(0, 1): an exact one needs a stored image of its class, a running
-        one a SupCon batch.
-
-        Returns:
-            float32, a constant, shape [feature_dim].
-        """
-        if self.agent.words is not None:
-            return self.agent.words.weight[label].detach().clone()
-        if self._method.prototype == "exact":
-            self._refresh_exactly(label)
-        embedding = self.prototypes.embed(np.array([label], dtype=np.int64))[0]
-        return self._tensor(embedding)
-
     @property
-    def is_warm(self) -> bool:
-        """Whether the store holds enough images for the loss on them, and so for running prototypes."""
-        return len(self.goal_store) >= self._method.warmup
+    def has_every_term(self) -> bool:
+        """Whether goal images suffice for the terms on them, if there are any."""
+        return "images" not in self._over or self.goals.is_warm
 
     def update(self, shares: Sequence[tuple[EpisodeBatch, Tensor]]) -> dict[str, float]:
-        """Learn from finished episodes: L = L_RL + supcon_weight L_s + vhs_weight L_VHS (paper Eq. 6).
-
-        A baseline has some of these terms.
+        """Learn from finished episodes.
 
         Args:
             shares: one for each of `train.learners`: episodes, and the goal embedding each was acted under,
@@ -117,7 +117,7 @@ class VHS:
         Raises:
             DivergenceError: a loss is not finite; the weights are as before.
         """
-        work = [Share(batch, goals, self._relabel(batch), self._sample_goals()) for batch, goals in shares]
+        work = [Share(batch, goals, self._relabel(batch), self._images()) for batch, goals in shares]
         learned = self._replicas.map(self._learn, work)
         names = learned[0].terms
         metrics = {name: sum(one.terms[name].item() for one in learned) / len(learned) for name in names}
@@ -125,118 +125,105 @@ class VHS:
         self._replicas.merge()
         metrics["grad_norm"] = self._step()
         for share, found in zip(work, learned, strict=True):
-            if share.stored is not None and self._method.prototype == "running":
-                self.prototypes.update(to_numpy(found.goal_features), to_numpy(share.stored.labels))
+            if share.images is not None:
+                self.goals.learned(share.images, found.image_features)
         self.updates += 1
-        if not self._method.parts.hindsight:
+        if "relabelled" not in self._over:
             return metrics
         relabelled = np.concatenate([share.hindsight.selected for share in work])
         return metrics | {"relabelled": float(relabelled.mean())}
 
+    def scheduled(self, key: str) -> float:
+        """The present value of a number of the configuration, which may move to ``<key>_end`` over training.
+
+        Args:
+            key: dotted, of the sections `method` or `train`.
+        """
+        section, _, name = key.partition(".")
+        values, train = {"method": self._method, "train": self._train}[section], self._train
+        start, end = getattr(values, name), getattr(values, f"{name}_end", None)
+        if end is None:
+            return float(start)
+        done = min(self.updates * train.episodes_per_update / train.schedule_episodes, 1.0)
+        return float(start + (end - start) * done)
+
     def _relabel(self, batch: EpisodeBatch) -> Hindsight:
         method = self._method
-        probability = method.relabel_probability if method.parts.hindsight else 0.0
+        probability = method.relabel_probability if "relabelled" in self._over else 0.0
         return relabel(batch, on=method.relabel_on, probability=probability, rng=self.rng)
 
+    def _images(self) -> GoalImages | None:
+        return self.goals.batch() if "images" in self._over else None
+
     def _learn(self, agent: GoalAgent, share: Share) -> Learned:
-        """Losses of one share and, in `agent`, their gradients."""
+        """Terms of one share and, in `agent`, the gradients of their sum."""
         agent.train()
         agent.zero_grad(set_to_none=True)
-        episode_features, goal_features = self._embed(agent, share)
-        terms = self._episode_losses(agent, share, episode_features)
-        if share.stored is not None:
-            terms |= self._goal_terms(agent, goal_features, share.stored.labels)
-        loss = self._weigh(terms)
-        if loss.requires_grad:  # GCSL may have nothing to imitate
+        features, image_features = self._embed(agent, share)
+        terms = self._evaluate(self._forward(agent, share, features, image_features))
+        weighted = [self._weight(self._terms[name]) * term for name, term in terms.items()]
+        loss = torch.stack([*weighted, features.new_zeros(())]).sum()
+        if loss.requires_grad:  # a method without rewards may have nothing to imitate
             loss.backward()  # type: ignore[no-untyped-call]
-        return Learned({name: term.detach() for name, term in terms.items()}, goal_features.detach())
+        return Learned({name: term.detach() for name, term in terms.items()}, image_features.detach())
 
     def _embed(self, agent: GoalAgent, share: Share) -> tuple[Tensor, Tensor]:
         """Features of the episodes' observations and of the goal images, by one pass."""
         observations = self._tensor(share.batch.observations)
         count = len(observations)
-        if share.stored is not None:
-            observations = torch.cat([observations, share.stored.observations])
+        if share.images is not None:
+            observations = torch.cat([observations, share.images.observations])
         features = agent.extractor(observations, self.dtype)
         return features[:count], features[count:]
 
-    def _episode_losses(self, agent: GoalAgent, share: Share, features: Tensor) -> dict[str, Tensor]:
-        """The terms of L_RL on every episode and of L_VHS on the relabelled ones, by one run of the LSTM."""
+    def _forward(self, agent: GoalAgent, share: Share, features: Tensor, image_features: Tensor) -> Forward:
+        """Run the LSTM once, over lived and relabelled episodes as far as terms read them."""
+        batch = share.batch
+        steps = torch.arange(batch.actions.shape[1], device=self._device)
+        rows = (self._tensor(batch.offsets).unsqueeze(1) + steps).clamp(max=len(features) - 1)
+        passes = self._passes(agent, share, features, features[rows])
+        passed: dict[str, Episodes] = {}
+        if passes:
+            log_probs, values, _ = agent(*map(torch.cat, zip(*(one.inputs for one in passes), strict=True)))
+            sizes = [len(one.rows) for one in passes]
+            for one, own, seen in zip(passes, log_probs.split(sizes), values.split(sizes), strict=True):
+                actions, mask = batch.actions[one.rows], batch.mask[one.rows]
+                passed[one.over] = Episodes(
+                    one.rows, own, seen, self._tensor(actions), self._tensor(mask).float()
+                )
+        images = None if share.images is None else Images(image_features, share.images.labels)
+        settings = (self._method, self._train, self._success_reward)
+        return Forward(agent, batch, passed.get("lived"), passed.get("relabelled"), images, *settings)
+
+    def _passes(self, agent: GoalAgent, share: Share, features: Tensor, sequences: Tensor) -> list[_Pass]:
+        """What the LSTM has to run over, of features of each episode, shape [B, T, feature_dim]."""
         batch, hindsight = share.batch, share.hindsight
-        episodes, steps = batch.actions.shape
-        chosen = self._tensor(np.flatnonzero(hindsight.selected))
-        rows = self._tensor(batch.offsets).unsqueeze(1) + torch.arange(steps, device=self._device)
-        sequences = features[rows.clamp(max=len(features) - 1)]
-        reached = self._hindsight_goals(features[self._tensor(hindsight.goal_rows)[chosen]].detach())
-        log_probs, values, _ = agent(
-            torch.cat([sequences, sequences[chosen]]),
-            torch.cat([self._instructed_goals(agent, share), reached]),
-            torch.cat([self._tensor(batch.interactions), self._tensor(hindsight.interactions)[chosen]]),
-        )
-        actions, valid = self._tensor(batch.actions), self._tensor(batch.mask).float()
-        rewards = self._tensor(batch.rewards) * self._train.reward_scale
-        returns = lambda_returns(
-            rewards, values[:episodes], valid, self._train.gamma, self._train.return_lambda
-        )
-        rl = actor_critic_loss(log_probs[:episodes], actions, values[:episodes], returns, valid)
-        terms = {"policy": rl.policy, "value": rl.value, "entropy": rl.entropy}
-        if not self._method.parts.hindsight:
-            return terms
-        imitation = ImitationTerms(values.new_zeros(()), values.new_zeros(()))
-        if len(chosen):
-            targets = self._tensor(self._hindsight_values(batch))[chosen]
-            imitation = hindsight_imitation_loss(
-                log_probs[episodes:],
-                actions[chosen],
-                values[episodes:],
-                targets,
-                valid[chosen],
-                valid.sum(),
-                self._method.hindsight_discount,
-            )
-        return terms | {"imitation_policy": imitation.policy, "imitation_value": imitation.value}
+        passes = []
+        if "lived" in self._over:
+            everything = np.arange(len(batch.lengths))
+            goals = self.goals.instructed(agent, self._tensor(batch.goals), share.goals)
+            passes.append(_Pass("lived", everything, (sequences, goals, self._tensor(batch.interactions))))
+        selected = np.flatnonzero(hindsight.selected)
+        if len(selected):
+            chosen = self._tensor(selected)
+            goals = self.goals.hindsight(features[self._tensor(hindsight.goal_rows)[chosen]].detach())
+            done = self._tensor(hindsight.interactions)[chosen]
+            passes.append(_Pass("relabelled", selected, (sequences[chosen], goals, done)))
+        return passes
 
-    def _goal_terms(self, agent: GoalAgent, features: Tensor, labels: Tensor) -> dict[str, Tensor]:
-        """The terms on the store's images, from their features and classes."""
-        return {"supcon": supcon_loss(features, labels, self._method.supcon_temperature)}
-
-    def _instructed_goals(self, agent: GoalAgent, share: Share) -> Tensor:
-        """The goal embedding of each episode as it was instructed, shape [B, feature_dim]."""
-        if agent.words is None:
-            return share.goals
-        found: Tensor = agent.words(self._tensor(share.batch.goals))
+    def _evaluate(self, x: Forward) -> dict[str, Tensor]:
+        """Every term of the method, unweighted; those on images as soon as there are any."""
+        found = {}
+        for name, term in self._terms.items():
+            if getattr(x, term.over) is not None:
+                found[name] = term.loss(x)
+            elif term.over == "relabelled":
+                found[name] = torch.zeros((), device=self._device)
         return found
 
-    def _hindsight_goals(self, reached: Tensor) -> Tensor:
-        """The goals of relabelled episodes, from their f(o_T), both of shape [R, feature_dim]."""
-        has_prototypes = self.prototypes.seen.all() and self.is_warm
-        if self._method.hindsight_goal == "feature" or not has_prototypes:
-            return reached
-        table = self._tensor(self.prototypes.table)
-        nearest = (reached @ normalize(table, dim=1).T).argmax(dim=1)
-        return table[nearest]
-
-    def _hindsight_values(self, batch: EpisodeBatch) -> NDArray[np.float32]:
-        """The target v_i of the hindsight value, shape [B, T] (paper: the critic's value when acting)."""
-        if self._method.value_target == "behaviour":
-            return batch.values
-        rewards = batch.rewards.copy()
-        rewards[np.arange(len(rewards)), batch.lengths - 1] = self._success_reward
-        return discounted_returns(rewards * self._train.reward_scale, batch.lengths, self._train.gamma)
-
-    def _weigh(self, terms: dict[str, Tensor]) -> Tensor:
-        """The weighted sum of the terms."""
-        method, train = self._method, self._train
-        weights = {
-            "policy": 1.0,
-            "value": train.value_weight,
-            "entropy": -self._scheduled("entropy_weight"),
-            "imitation_policy": method.vhs_weight,
-            "imitation_value": method.vhs_weight,
-            "supcon": method.supcon_weight,
-            "discriminator": method.discriminator_weight,
-        }
-        return torch.stack([weights[name] * term for name, term in terms.items()]).sum()
+    def _weight(self, term: Term) -> float:
+        weight = self.scheduled(term.weight) if isinstance(term.weight, str) else term.weight
+        return term.sign * weight
 
     def _check_finite(self, terms: Mapping[str, float]) -> None:
         if not all(math.isfinite(term) for term in terms.values()):
@@ -249,34 +236,9 @@ class VHS:
         if not math.isfinite(norm):
             raise DivergenceError(f"update {self.updates + 1}: expected a finite gradient, found norm {norm}")
         for group in self.optimiser.param_groups:
-            group["lr"] = self._scheduled("learning_rate")
+            group["lr"] = self.scheduled("train.learning_rate")
         self.optimiser.step()
         return norm
-
-    def _scheduled(self, name: str) -> float:
-        """The present value of a number of `train` that may move to `<name>_end` over training."""
-        train = self._train
-        start, end = getattr(train, name), getattr(train, f"{name}_end")
-        if end is None:
-            return float(start)
-        done = min(self.updates * train.episodes_per_update / train.schedule_episodes, 1.0)
-        return float(start + (end - start) * done)
-
-    def _sample_goals(self) -> GoalImages | None:
-        if not (self._method.parts.goal_loss and self.is_warm):
-            return None
-        observations, labels = self.goal_store.sample(self._method.supcon_batch, balanced=True)
-        return GoalImages(self._tensor(observations), self._tensor(labels))
-
-    def _refresh_exactly(self, label: int) -> None:
-        """Set p^x to the mean feature of stored images, with running statistics as when acting."""
-        if self.goal_store.counts[label] == 0:
-            return
-        images = self.goal_store.sample_class(label, self._method.prototype_samples)
-        self.agent.eval()
-        with torch.inference_mode():
-            features = self.agent.extractor(self._tensor(images), self.dtype)
-        self.prototypes.update(to_numpy(features), np.full(len(images), label, dtype=np.int64))
 
     def _tensor(self, array: NDArray[Any]) -> Tensor:
         return to_device(array, self._device)
@@ -286,7 +248,7 @@ class VHS:
         return {
             "agent": self.agent.state_dict(),
             "optimiser": self.optimiser.state_dict(),
-            "prototypes": to_tensors(self.prototypes.state_dict()),
+            "prototypes": self.goals.state_dict(),
             "rng": torch.from_numpy(self.rng.state),
             "updates": self.updates,
         }
@@ -296,6 +258,6 @@ class VHS:
         self.agent.load_state_dict(state["agent"])
         self._replicas.spread_statistics()
         self.optimiser.load_state_dict(state["optimiser"])
-        self.prototypes.load_state_dict(to_arrays(state["prototypes"]))
+        self.goals.load_state_dict(state["prototypes"])
         self.rng = Rng.from_state(state["rng"].numpy())
         self.updates = int(state["updates"])

@@ -1,72 +1,97 @@
-"""The methods that are compared, as the parts that each is made of (paper, section "Baselines").
+"""The one table of methods: which terms each learns from, and what else tells it apart (paper, "Baselines").
 
-One update serves them all: a method is a row of this table, and where a part is another formula or another
-network, a small class in `vhs.learning.algorithms` or `vhs.models`.
+A term is named as in the log, and its formula is found under that name in `vhs.learning.terms`. The
+configuration reads this table to refuse keys that do nothing, so it needs no torch.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple
 
-MethodName = Literal["a3c", "gdan", "gcsl", "pg", "vhs"]
 Embedding = Literal["prototype", "word"]
+Network = Literal["gated", "discriminative"]
 
 
-class Parts(NamedTuple):
-    """What a method learns from."""
+class Method(NamedTuple):
+    """A row: what a method learns from."""
 
-    embedding: Embedding
-    """What names a goal to the policy unless the configuration says otherwise: a prototype of goal images, or
-    a learned vector."""
-    any_embedding: bool
-    """Whether the other embedding makes sense too."""
-    rl: bool
-    """Whether rewards are learned from."""
-    hindsight: bool
-    """Whether relabelled episodes are imitated; their goals are features, so prototypes must name goals."""
-    goal_loss: Literal["supcon", "discriminator"] | None
-    """The loss on the goal store's images, if any: SupCon, or a discriminator's cross-entropy."""
+    terms: tuple[str, ...]
+    """Names of its losses, in the order in which they are summed."""
+    fixed: Mapping[str, Any] = {}
+    """Keys of the configuration's section `method` that have one value in this method."""
+    network: Network = "gated"
+    """The agent's networks, as `vhs.models.make_agent` names them."""
     learning_rate: float | None = None
     """Learning rate at the start unless the configuration says otherwise, where the others' does not suit."""
 
+    @property
+    def has_rewards(self) -> bool:
+        """Whether rewards are learned from."""
+        return "policy" in self.terms
 
-METHODS: dict[str, Parts] = {
-    "a3c": Parts("word", any_embedding=False, rl=True, hindsight=False, goal_loss=None),
+    @property
+    def has_imitation(self) -> bool:
+        """Whether relabelled episodes are imitated; they are told features, so prototypes must name goals."""
+        return "imitation_policy" in self.terms
+
+    def parts(self, embedding: str) -> frozenset[str]:
+        """What may read a key of the configuration: the terms, and what names goals."""
+        return frozenset((*self.terms, self.fixed.get("embedding", embedding)))
+
+
+_A3C = ("policy", "value", "entropy")
+_PG = (*_A3C, "supcon")
+_VHS = (*_PG, "imitation_policy", "imitation_value")
+
+METHODS: dict[str, Method] = {
+    "a3c": Method(_A3C, fixed={"embedding": "word"}),
     # At 5e-4 the policy behind the attention became deterministic within 7,000 episodes in one run of five.
-    "gdan": Parts(
-        "word", any_embedding=False, rl=True, hindsight=False, goal_loss="discriminator", learning_rate=3e-4
+    "gdan": Method(
+        (*_A3C, "discriminator"),
+        fixed={"embedding": "word"},
+        network="discriminative",
+        learning_rate=3e-4,
     ),
-    "gcsl": Parts("prototype", any_embedding=False, rl=False, hindsight=True, goal_loss="supcon"),
-    "pg": Parts("prototype", any_embedding=True, rl=True, hindsight=False, goal_loss="supcon"),
-    "vhs": Parts("prototype", any_embedding=True, rl=True, hindsight=True, goal_loss="supcon"),
+    # Every step counts alike in Ghosh et al.
+    "gcsl": Method(
+        ("imitation_policy", "supcon"), fixed={"embedding": "prototype", "hindsight_discount": 1.0}
+    ),
+    "pg": Method(_PG),
+    "vhs": Method(_VHS),
 }
 
 
-def check_parts(
-    name: str, embedding: str, relabel_probability: float, relabel_on: Sequence[str], vhs_weight: float
-) -> None:
-    """Check that what the configuration says of a method's parts makes sense.
+def settle(section: Mapping[str, Any]) -> dict[str, Any]:
+    """A section `method` as it was given, with what its method fixes and what names its goals filled in."""
+    method = METHODS.get(str(section.get("name", "vhs")))
+    fixed = {} if method is None else method.fixed
+    own = {"embedding": "prototype"} | dict(fixed)
+    return {**section, **{key: value for key, value in own.items() if section.get(key) is None}}
+
+
+def check_method(name: str, section: Mapping[str, Any]) -> None:
+    """Check that what a whole section `method` says of a method's parts makes sense.
 
     Raises:
-        ValueError: goals named by what the method cannot use, words with relabelling, nothing to learn from.
+        ValueError: another value of what is fixed, words with relabelling, nothing to learn from.
     """
-    parts = METHODS[name]
-    if embedding != parts.embedding and not parts.any_embedding:
-        raise ValueError(
-            f"method.embedding: expected {parts.embedding} for method.name = {name}, found {embedding}"
-        )
-    if parts.hindsight and embedding == "word" and relabel_probability > 0:
+    method = METHODS[name]
+    for key, value in method.fixed.items():
+        if section[key] != value:
+            raise ValueError(f"method.{key}: expected {value} for method.name = {name}, found {section[key]}")
+    probability = section["relabel_probability"]
+    if method.has_imitation and section["embedding"] == "word" and probability > 0:
         raise ValueError(
             "method.relabel_probability: expected 0 with method.embedding = word, which has no word for what "
-            f"was reached by mistake, found {relabel_probability}"
+            f"was reached by mistake, found {probability}"
         )
-    if parts.rl:
+    if method.has_rewards or not method.has_imitation:
         return
     alone = f"for method.name = {name}, which learns from relabelled episodes alone"
-    if relabel_probability == 0:
-        raise ValueError(f"method.relabel_probability: expected above 0 {alone}, found {relabel_probability}")
-    if not relabel_on:
+    if probability == 0:
+        raise ValueError(f"method.relabel_probability: expected above 0 {alone}, found {probability}")
+    if not section["relabel_on"]:
         raise ValueError(f"method.relabel_on: expected an outcome {alone}, found none")
-    if vhs_weight == 0:
-        raise ValueError(f"method.vhs_weight: expected above 0 {alone}, found {vhs_weight}")
+    if section["vhs_weight"] == 0:
+        raise ValueError(f"method.vhs_weight: expected above 0 {alone}, found {section['vhs_weight']}")

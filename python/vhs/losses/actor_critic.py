@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from torch import Tensor
+from torch import Tensor, finfo
 from torch.distributions.utils import logits_to_probs
 
-from vhs.losses.shapes import check_shape
+from vhs.losses.shapes import check_shape, log_prob_of
 
 
 class ActorCriticTerms(NamedTuple):
@@ -24,7 +24,7 @@ def actor_critic_loss(
     """Policy gradient with the advantage R_t - V, squared value error, policy entropy.
 
     Args:
-        log_probs: log pi(. | o_t, x, k) in nats, shape [B, T, A].
+        log_probs: log pi(. | o_t, x, k) in nats, shape [B, T, A]; -inf of what cannot be done.
         actions: a_t, int64, shape [B, T].
         values: V(o_t | x, k), shape [B, T]; a constant in the policy term.
         returns: R_t, discounted or lambda-returns from t on, shape [B, T].
@@ -43,8 +43,9 @@ def actor_critic_loss(
     )
     steps = valid.sum().clamp(min=1)
     advantage = returns - values
-    taken = log_probs.gather(-1, actions.unsqueeze(-1)).squeeze(-1)
-    entropy = -(logits_to_probs(log_probs) * log_probs).sum(-1)
+    taken = log_prob_of(log_probs, actions, valid)
+    # p log p of an impossible action is 0, its limit, and not 0 times minus infinity.
+    entropy = -(logits_to_probs(log_probs) * log_probs.clamp(min=finfo(log_probs.dtype).min)).sum(-1)
     return ActorCriticTerms(
         policy=-(taken * advantage.detach() * valid).sum() / steps,
         value=(advantage.square() * valid).sum() / steps,

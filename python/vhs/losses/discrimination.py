@@ -16,11 +16,11 @@ def goal_discrimination_loss(logits: Tensor, labels: Tensor) -> Tensor:
         labels: goal class of each image, int64, shape [N].
 
     Returns:
-        -log p(label) in nats, the mean over the images, shape [].
+        -log p(label) in nats, the mean over the images, shape []; 0 of none.
 
     Raises:
         ShapeError: the tensors do not fit together.
     """
     check_shape("N C", logits=logits)
     check_shape("N", logits=logits[:, 0], labels=labels)
-    return cross_entropy(logits, labels)
+    return cross_entropy(logits, labels, reduction="sum") / max(len(labels), 1)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from vhs.losses.shapes import check_shape
+from vhs.losses.shapes import check_shape, log_prob_of
 
 
 class ImitationTerms(NamedTuple):
@@ -53,7 +53,7 @@ def hindsight_imitation_loss(
         value_targets=value_targets,
         valid=valid,
     )
-    taken = log_probs.gather(-1, actions.unsqueeze(-1)).squeeze(-1)
+    taken = log_prob_of(log_probs, actions, valid)
     error = values - value_targets.detach()
     count = steps.clamp(min=1)
     remaining = (valid.sum(dim=1, keepdim=True) - valid.cumsum(dim=1)).clamp(min=0)

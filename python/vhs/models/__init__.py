@@ -1,7 +1,8 @@
 """The networks: feature extractor f and the recurrent, goal-gated agent."""
 
 from vhs.models.agent import GoalAgent, RecurrentState
-from vhs.models.device import pick_device, to_device
+from vhs.models.build import make_agent
+from vhs.models.device import pick_device, to_device, to_numpy
 from vhs.models.discriminative import DiscriminativeAgent
 from vhs.models.extractor import FeatureExtractor
 
@@ -10,6 +11,8 @@ __all__ = [
     "FeatureExtractor",
     "GoalAgent",
     "RecurrentState",
+    "make_agent",
     "pick_device",
     "to_device",
+    "to_numpy",
 ]

@@ -30,3 +30,9 @@ def to_device(array: NDArray[Any], device: torch.device) -> Tensor:
     if device.type == "cuda":
         return tensor.pin_memory().to(device, non_blocking=True)
     return tensor.to(device)
+
+
+def to_numpy(tensor: Tensor) -> NDArray[Any]:
+    """The numbers of a tensor on any device, without its gradient."""
+    array: NDArray[Any] = tensor.detach().cpu().numpy()
+    return array

@@ -8,15 +8,15 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vhs.acting.episodes import episode_seeds
-from vhs.acting.policy import TrainedAgent, load_agent
+from vhs.acting.policy import Policy, load_agent
+from vhs.acting.seeds import episode_seeds
+from vhs.acting.setup import check_runnable, make_env, task_of, to_act_here
 from vhs.errors import OutputError
 from vhs.play.film import check_film_path, write_film
-from vhs.play.room import make_room
 from vhs.runs.directory import read_config
-from vhs.show.moments import Moment, run_episode
+from vhs.show.moments import Moment, play_moments
 from vhs.show.pictures import draw
-from vhs.train.build import check_runnable, to_act_here
+from vhs.task import Task
 
 if TYPE_CHECKING:
     from vhs.play.window import Window
@@ -34,12 +34,12 @@ def play(
     out: Path | None = None,
     is_human: bool = False,
 ) -> str:
-    """Show episodes of a run's task, in the rooms that `vhs eval` takes for the same seed.
+    """Show episodes of a run's task, those that `vhs eval` plays for the same seed.
 
     Args:
         run: directory of the run; with `is_human` it needs no checkpoint.
         episodes: how many.
-        seed: which rooms, and which samples of the policy.
+        seed: which episodes, and which samples of the policy.
         greedy: take the likeliest action instead of sampling.
         out: GIF or MP4 to write; None opens a window.
         is_human: a person acts.
@@ -62,10 +62,9 @@ def play(
     return _show(run, moments) if out is None else _film(out, moments)
 
 
-def _moments(agent: TrainedAgent, seeds: Iterator[int], seed: int, greedy: bool) -> Iterator[Moment]:
-    room, actor = make_room(agent.config, is_drawn=True), agent.actor(seed, greedy)
-    for episode_seed in seeds:
-        yield from run_episode(agent, actor, room, episode_seed)
+def _moments(agent: Policy, seeds: Iterator[int], seed: int, greedy: bool) -> Iterator[Moment]:
+    env = make_env(agent.task, agent.spec, render_mode="rgb_array")
+    return play_moments(agent, env, seeds, seed, greedy)
 
 
 def _film(out: Path, moments: Iterator[Moment]) -> str:
@@ -87,17 +86,22 @@ def _show(run: Path, moments: Iterator[Moment]) -> str:
 
 def _drive(run: Path, seeds: Iterator[int]) -> str:
     config = to_act_here(read_config(run))
-    check_runnable(config)
-    room = make_room(config, is_drawn=True)
-    count = room.task.interactions
-    interact = {0: "", 1: ", space interacts"}.get(count, f", 1 to {count} interact")
-    window = _open_window(f"arrow keys move{interact}, Return: next episode, q quits")
+    task = task_of(config)
+    check_runnable(config, task)
+    if not task.keys:
+        raise OutputError(f"--human: expected a task that says its keys, found none for {task.name}")
+    window = _open_window(f"{_help(task)}, Return: next episode, q: quit")
     from vhs.play.driver import Person
 
-    person = Person(window, room, seeds)
+    person = Person(window, config, task, seeds)
     window.run()
     ended = ", ".join(outcome.name.lower() for outcome in person.outcomes) or "none"
     return f"episodes that ended: {ended}"
+
+
+def _help(task: Task) -> str:
+    """What each key does."""
+    return ", ".join(f"{key}: {task.action_name(action)}" for key, action in task.keys.items())
 
 
 def _open_window(title: str) -> Window:

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import partial
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vhs import Outcome
-from vhs.envs import RoomEnv
-from vhs.envs.config import FIRST_INTERACTION, MOVE_FORWARD, TURN_LEFT, TURN_RIGHT
+from vhs.acting.episodes import Episodes
+from vhs.acting.players import Choice
+from vhs.acting.setup import make_buffer, make_env
+from vhs.acting.stepping import LocalStepping
+from vhs.config import Config
 from vhs.play.film import LAST_FRAME_S
 from vhs.play.window import Window
-from vhs.show.moments import Moment, ending, snapshot
+from vhs.show.moments import Moment, Onlooker
 from vhs.show.pictures import draw
+from vhs.task import Task
+
+_STREAM = np.zeros(1, dtype=np.int64)
+"""The only stream of an episode that is played alone."""
 
 
 def show(window: Window, moments: Iterator[Moment], fps: int) -> None:
@@ -40,51 +50,60 @@ def show(window: Window, moments: Iterator[Moment], fps: int) -> None:
 
 
 class Person:
-    """Drives the robot: arrow keys move, 1 to 3 interact (space is 1), Return begins the next episode."""
+    """Plays by the keys of a task; Return begins the next episode."""
 
-    def __init__(self, window: Window, room: RoomEnv, seeds: Iterator[int]) -> None:
+    def __init__(self, window: Window, config: Config, task: Task, seeds: Iterable[int]) -> None:
         """Take the keys and begin the first episode.
 
         Args:
-            window: shows the room.
-            room: any task.
+            window: shows the episodes.
+            config: of a run of the task.
+            task: says which key is which action.
             seeds: one an episode; the window closes when there are no more.
         """
-        self._window, self._room, self._seeds = window, room, seeds
+        self._window = window
         self.outcomes: list[Outcome] = []
         """Of the episodes that ended."""
-        self._is_running = False
-        keys = {"Up": MOVE_FORWARD, "Left": TURN_LEFT, "Right": TURN_RIGHT}
-        keys |= {str(number + 1): FIRST_INTERACTION + number for number in range(room.task.interactions)}
-        if room.task.interactions:
-            keys["space"] = FIRST_INTERACTION
-        for key, action in keys.items():
-            window.on_key(key, partial(self._act, action))
+        self._keyed: int | None = None
+        spec = task.spec()
+        env = make_env(task, spec, render_mode="rgb_array")
+        stepping = LocalStepping([env])
+        self._episodes = Episodes(stepping, self, make_buffer(config, spec, 1, 1), seeds)
+        self._onlooker = Onlooker(task, spec, env, stepping)
+        for key, action in task.keys.items():
+            window.on_key(key, partial(self._key, action))
         window.on_key("Return", self._go_on)
         window.on_key("q", window.close)
-        self._begin()
+        self._episodes.start()
+        self._go_on()
 
-    def _begin(self) -> None:
-        seed = next(self._seeds, None)
-        if seed is None:
-            self._window.close()
-            return
-        observation, _ = self._room.reset(seed=seed)
-        self._is_running = True
-        self._window.show(draw(snapshot(self._room, observation["image"])))
+    def begin(self, stream: int, goal: int, interaction: int) -> None:
+        """The window tells the instruction."""
+
+    def act(self, streams: NDArray[np.int64]) -> Choice:
+        """The key that was pressed; until there is one, the episode rests."""
+        keyed = [] if self._keyed is None else [self._keyed]
+        self._keyed = None
+        actions = np.array(keyed, np.int64)
+        return streams[: len(keyed)], actions, np.zeros(len(keyed), np.float32)
 
     def _go_on(self) -> None:
-        if not self._is_running:
-            self._begin()
-
-    def _act(self, action: int) -> None:
-        if not self._is_running:
+        """Begin the next episode, unless one runs."""
+        if self._episodes.running:
             return
-        observation, _, terminated, truncated, info = self._room.step(action)
-        if terminated or truncated:
-            self._is_running = False
-            moment = ending(self._room, observation["image"], info)
-            self.outcomes.append(Outcome.from_name(info["outcome"]))
-        else:
-            moment = snapshot(self._room, observation["image"])
-        self._window.show(draw(moment))
+        if self._episodes.is_done:
+            self._window.close()
+            return
+        self._step()
+
+    def _key(self, action: int) -> None:
+        if self._episodes.running:
+            self._keyed = action
+            self._episodes.act(_STREAM)
+            self._step()
+
+    def _step(self) -> None:
+        moments = [self._onlooker.end(ended) for ended in self._episodes.step()]
+        self.outcomes += [moment.outcome for moment in moments if moment.outcome is not None]
+        moments += [self._onlooker.running(episode) for episode in self._episodes.running.values()]
+        self._window.show(draw(moments[0]))

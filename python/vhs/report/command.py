@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from vhs import VhsError, __version__
-from vhs.acting.policy import TrainedAgent, load_agent
+from vhs.acting.policy import Policy, load_agent
 from vhs.report.curves import cost_section, curve_section, loss_section
 from vhs.report.evaluation import confusion_section, episode_section
 from vhs.report.goals import feature_section, look_at_goals, prototype_section, store_section
@@ -25,7 +25,7 @@ class _Subject:
     """The run whose agent is looked at."""
 
     run: Run
-    agent: TrainedAgent | None
+    agent: Policy | None
     why: str
     """Why there is no agent."""
     tracks: Sequence[Track]
@@ -79,12 +79,14 @@ def _subject(runs: Sequence[Run], episodes: int, seed: int) -> _Subject:
 
 
 def _sections(runs: Sequence[Run], groups: Sequence[Group], subject: _Subject) -> list[Section]:
-    goals = None if subject.agent is None else look_at_goals(subject.agent)
+    agent = subject.agent
+    goals = None if agent is None else look_at_goals(agent)
+    names = [] if agent is None else [agent.task.goal_name(label) for label in range(agent.spec.num_goals)]
     why = subject.why or "the goal store is empty: no episode of this run has succeeded yet"
     return [
         curve_section(groups),
-        confusion_section(subject.tracks, subject.why),
-        episode_section(subject.tracks, subject.why),
+        confusion_section(subject.tracks, names, subject.why),
+        episode_section(subject.tracks, names, subject.why),
         store_section(goals, why),
         prototype_section(goals, why),
         feature_section(goals, why),
@@ -125,7 +127,9 @@ def _tiles(subject: _Subject) -> list[tuple[str, str]]:
         low, high = wilson_interval(success, len(subject.tracks))
         interval = f"95 %: {100 * low:.0f} to {100 * high:.0f} %"
         text = f"success in {len(subject.tracks)} evaluation episodes ({interval})"
-        tiles += [(f"{success:.1%}", text), (f"{spl:.2f}", "SPL: success weighted by shortest / taken steps")]
+        tiles.append((f"{success:.1%}", text))
+        if spl is not None:
+            tiles.append((f"{spl:.2f}", "SPL: success weighted by shortest / taken steps"))
     rows = subject.run.rows
     if rows:
         tiles.append((f"{subject.run.final_success:.1%}", "success over the last tenth of training"))

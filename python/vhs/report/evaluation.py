@@ -9,12 +9,11 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from vhs import Outcome
-from vhs.envs import OBJECT_NAMES
 from vhs.report.page import Section, card, figure, legend, missing, shaded
 from vhs.report.room import top_view
 from vhs.report.svg import Axes, Frame, Line, svg
 from vhs.report.tracks import Track, confusion, pick
-from vhs.show.moments import Moment, object_title
+from vhs.show.moments import Moment
 
 _LEAD = (
     "The first two of each outcome. From above: the way the robot took, from the open to the filled arrow, "
@@ -23,37 +22,36 @@ _LEAD = (
 )
 
 
-def confusion_section(tracks: Sequence[Track], why: str) -> Section:
-    """Asked against reached object, and steps taken against steps needed."""
+def confusion_section(tracks: Sequence[Track], names: Sequence[str], why: str) -> Section:
+    """Asked against reached goal, where the task says the latter, and steps taken against steps needed."""
     title = "Asked and reached"
     if not tracks:
         return Section("confusion", title, missing(why))
     note = f"{len(tracks)} episodes, actions sampled. None: the time ran out."
     wrong = sum(t.moments[-1].reached == t.goal and t.outcome is Outcome.FAILURE for t in tracks)
     if wrong:
-        note += f" In {wrong} the right object got the wrong interaction."
+        note += f" In {wrong} the right goal got the wrong interaction."
     steps_note = "One dot an episode; on the dotted line no way is shorter."
-    cards = card("Episodes by object", _matrix(tracks), note) + card(
-        "Steps taken and steps needed", _steps(tracks), steps_note
-    )
-    lead = "Rooms that training never saw. The agent itself never learns what it reached."
+    cards = card("Steps taken and steps needed", _steps(tracks), steps_note)
+    if any(track.moments[-1].reached is not None for track in tracks):
+        cards = card("Episodes by goal", _matrix(tracks, names), note) + cards
+    lead = "Episodes that training never saw. The agent itself never learns what it reached."
     return Section("confusion", title, f'<div class="grid">{cards}</div>', lead)
 
 
-def episode_section(tracks: Sequence[Track], why: str) -> Section:
+def episode_section(tracks: Sequence[Track], names: Sequence[str], why: str) -> Section:
     """Episodes from above beside their film strips."""
     if not tracks:
         return Section("episodes", "Episodes", missing(why))
     absent = [o.name.lower() for o in Outcome if all(track.outcome is not o for track in tracks)]
     none = f" None of {len(tracks)} episodes ended in {' or '.join(absent)}." if absent else ""
-    body = "".join(_episode(track) for track in pick(tracks))
+    body = "".join(_episode(track, names) for track in pick(tracks))
     return Section("episodes", "Episodes", body, _LEAD + none)
 
 
-def _matrix(tracks: Sequence[Track]) -> str:
+def _matrix(tracks: Sequence[Track], names: Sequence[str]) -> str:
     """Counts, each row darker where more of its episodes ended."""
-    counts = confusion(tracks)
-    names = [object_title(label) for label in range(len(OBJECT_NAMES))]
+    counts = confusion(tracks, len(names))
     head = "".join(f"<th>{escape(name)}</th>" for name in [*names, "none"])
     rows = []
     for name, row in zip(names, counts.tolist(), strict=True):
@@ -89,20 +87,22 @@ def _steps(tracks: Sequence[Track]) -> str:
     return legend(names) + svg(axes.width, axes.height, axes.title, "".join(parts))
 
 
-def _episode(track: Track) -> str:
+def _episode(track: Track, names: Sequence[str]) -> str:
     end, outcome = track.moments[-1], track.outcome.name.lower()
-    is_other = end.reached not in (-1, track.goal)
-    reached = f", {object_title(end.reached)} reached" if is_other else ""
+    other = None if end.reached in (-1, track.goal) else end.reached
+    reached = "" if other is None else f", {names[other]} reached"
     best = "" if track.optimal_steps is None else f", shortest {track.optimal_steps}"
     told = f"episode {track.number}, {track.steps} step{'' if track.steps == 1 else 's'}{best}"
     title = (
         f'<h3>“{escape(end.instruction)}” — <span class="badge">{outcome}</span>{escape(reached)} '
         f'<span class="note">· {told}</span></h3>'
     )
+    name = f"episode {track.number} from above"
+    above = "" if track.way is None else f"<div>{top_view(track.way, name)}</div>"
     strip = "".join(_frame(moment, outcome) for moment in track.moments)
     return (
         f'<div class="card" style="--here:{_colour(track.outcome)};margin-top:14px">{title}'
-        f'<div class="episode"><div>{top_view(track)}</div><div class="row">{strip}</div></div></div>'
+        f'<div class="episode">{above}<div class="row">{strip}</div></div></div>'
     )
 
 

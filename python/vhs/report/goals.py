@@ -10,17 +10,18 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from vhs.acting.policy import TrainedAgent
+from vhs.acting.policy import Policy
 from vhs.report.decoder import decode
 from vhs.report.page import Section, card, figure, image, legend, missing, shaded
 from vhs.report.svg import svg
-from vhs.show.moments import object_title
 
 _A_CLASS = 150
 """Images of a class that are looked at."""
 _THUMBNAILS = 9
 _NEAREST = 6
 _BATCH = 128
+_SHAPES = 5
+"""Shapes and colours that tell classes apart; a sixth class has those of the first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,13 +40,15 @@ class StoredGoals:
     """Shape [classes, feature_dim]."""
     has_prototype: NDArray[np.bool_]
     """Shape [classes]."""
+    names: tuple[str, ...]
+    """Of the classes, for people."""
     warmup: int
     """Images that the store must hold before running prototypes start."""
 
 
-def look_at_goals(agent: TrainedAgent) -> StoredGoals | None:
+def look_at_goals(agent: Policy) -> StoredGoals | None:
     """Sample the goal store and embed what is there; None where the store is empty."""
-    store, learner = agent.learner.goal_store, agent.learner
+    store = agent.goals.store
     found = [
         (label, _distinct(store.sample_class(label, 3 * _A_CLASS)))
         for label, n in enumerate(store.counts)
@@ -54,20 +57,17 @@ def look_at_goals(agent: TrainedAgent) -> StoredGoals | None:
     if not found:
         return None
     observations = np.concatenate([images for _, images in found])
-    prototypes = learner.prototypes
-    table, seen = prototypes.table, prototypes.seen
-    if agent.config.method.prototype == "exact":
-        # Made on demand while training: make them once for the page.
-        for label, _ in found:
-            table[label] = learner.embed_goal(label).cpu().numpy()
-            seen[label] = True
+    for label, _ in found:
+        agent.goals.refresh(label)
+    prototypes = agent.goals.prototypes
     return StoredGoals(
         counts=store.counts,
         frames=np.ascontiguousarray(observations[:, -1]),
         labels=np.concatenate([np.full(len(images), label, dtype=np.int64) for label, images in found]),
         features=_embed(agent, observations),
-        prototypes=table,
-        has_prototype=seen,
+        prototypes=prototypes.table,
+        has_prototype=prototypes.seen,
+        names=tuple(agent.task.goal_name(label) for label in range(len(store.counts))),
         warmup=agent.config.method.warmup,
     )
 
@@ -80,8 +80,8 @@ def store_section(goals: StoredGoals | None, why: str) -> Section:
     rows = []
     for label, count in enumerate(goals.counts.tolist()):
         shown = goals.frames[goals.labels == label][:_THUMBNAILS]
-        thumbnails = "".join(image(frame, object_title(label)) for frame in shown) or "none yet"
-        rows.append(_class_row(label, f"{count:,} image{'' if count == 1 else 's'}", thumbnails))
+        thumbnails = "".join(image(frame, goals.names[label]) for frame in shown) or "none yet"
+        rows.append(_class_row(goals, label, f"{count:,} image{'' if count == 1 else 's'}", thumbnails))
     lead = "Final observations of successes, under the goal of their instruction; a random few of each class."
     return Section("goals", title, f'<div class="card">{"".join(rows)}</div>', lead)
 
@@ -104,10 +104,10 @@ def prototype_section(goals: StoredGoals | None, why: str) -> Section:
     for label, picture in zip(labels.tolist(), decoded, strict=True):
         nearest, cosines = _nearest(goals, label)
         pictures = figure(picture, "prototype, decoded", "big") + "".join(
-            figure(goals.frames[row], f"{object_title(int(goals.labels[row]))} {cosine:.3f}")
+            figure(goals.frames[row], f"{goals.names[goals.labels[row]]} {cosine:.3f}")
             for row, cosine in zip(nearest, cosines, strict=True)
         )
-        rows.append(_class_row(label, "", pictures))
+        rows.append(_class_row(goals, label, "", pictures))
     lead = (
         "Left: the prototype through a small decoder, trained on the stored images for this page with most "
         "weight on what stands out of their mean. Right: the stored images whose features are nearest to it, "
@@ -132,11 +132,11 @@ def feature_section(goals: StoredGoals | None, why: str) -> Section:
     points = points / np.linalg.norm(points, axis=1, keepdims=True)
     perplexity = min(30.0, (len(points) - 1) / 3)
     plane = TSNE(2, perplexity=perplexity, init="pca", random_state=0, metric="cosine").fit_transform(points)
-    names = [(object_title(label), f"var(--o{label})") for label in np.unique(goals.labels).tolist()]
+    names = [(goals.names[label], f"var(--o{label % _SHAPES})") for label in np.unique(goals.labels).tolist()]
     note = (
         f"{len(goals.features)} stored images; one shape and colour a class; large with a rim: the prototype."
     )
-    chart = _scatter(plane, np.concatenate([goals.labels, labels]), len(goals.features))
+    chart = _scatter(plane, np.concatenate([goals.labels, labels]), goals)
     lead = (
         "f(o) of stored images: what lies together looks alike to the agent. The axes of t-SNE have no unit."
     )
@@ -153,7 +153,7 @@ def _cosines(goals: StoredGoals) -> tuple[str, str]:
     means = np.stack([unit[goals.labels == label].mean(axis=0) for label in labels])
     cosines = means @ means.T
     low, span = cosines.min(), max(float(np.ptp(cosines)), 1e-9)
-    names = [escape(object_title(label)) for label in labels]
+    names = [escape(goals.names[label]) for label in labels]
     rows = (
         f"<tr><th>{name}</th>{''.join(shaded(f'{value:.2f}', (value - low) / span) for value in row)}</tr>"
         for name, row in zip(names, cosines, strict=True)
@@ -166,8 +166,9 @@ def _cosines(goals: StoredGoals) -> tuple[str, str]:
     return f'<div class="scroll">{table}</div>', note
 
 
-def _class_row(label: int, note: str, pictures: str) -> str:
-    name = f'<span class="swatch" style="background:var(--o{label})"></span>{escape(object_title(label))}'
+def _class_row(goals: StoredGoals, label: int, note: str, pictures: str) -> str:
+    swatch = f'<span class="swatch" style="background:var(--o{label % _SHAPES})"></span>'
+    name = swatch + escape(goals.names[label])
     return (
         f'<div class="class"><div><b>{name}</b><span class="note">{escape(note)}</span></div>'
         f'<div class="row">{pictures}</div></div>'
@@ -181,12 +182,12 @@ def _distinct(images: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 @torch.inference_mode()
-def _embed(agent: TrainedAgent, observations: NDArray[np.uint8]) -> NDArray[np.float32]:
+def _embed(agent: Policy, observations: NDArray[np.uint8]) -> NDArray[np.float32]:
     """f(o) with running statistics, as when acting."""
-    networks = agent.learner.agent.eval()
+    networks = agent.agent.eval()
     device = networks.gate.weight.device
     batches = [
-        networks.extractor(torch.from_numpy(observations[at : at + _BATCH]).to(device), agent.learner.dtype)
+        networks.extractor(torch.from_numpy(observations[at : at + _BATCH]).to(device), agent.dtype)
         for at in range(0, len(observations), _BATCH)
     ]
     features: NDArray[np.float32] = torch.cat(batches).cpu().numpy()
@@ -202,24 +203,24 @@ def _nearest(goals: StoredGoals, label: int) -> tuple[list[int], list[float]]:
     return rows.tolist(), cosines[rows].tolist()
 
 
-def _scatter(plane: NDArray[np.float32], labels: NDArray[np.int64], images: int) -> str:
+def _scatter(plane: NDArray[np.float32], labels: NDArray[np.int64], goals: StoredGoals) -> str:
     """Points of the plane, images first, prototypes after them."""
     width, height, margin = 460.0, 380.0, 14.0
     low, high = plane.min(axis=0), plane.max(axis=0)
     scaled = (plane - low) / np.maximum(high - low, 1e-9) * (width - 2 * margin, height - 2 * margin) + margin
     parts = [
-        _marker(int(label), float(x), float(y), is_prototype=row >= images)
+        _marker(int(label), float(x), float(y), goals.names[label] if row >= len(goals.features) else "")
         for row, ((x, y), label) in enumerate(zip(scaled, labels, strict=True))
     ]
     return svg(width, height, "t-SNE of goal features", "".join(parts))
 
 
-def _marker(label: int, x: float, y: float, *, is_prototype: bool) -> str:
-    size = 9.0 if is_prototype else 3.4
-    shape = _polygon(label % 5, x, y, size)
-    rim = ";stroke:var(--ink);stroke-width:2" if is_prototype else ";fill-opacity:.75"
-    name = f"<title>prototype: {escape(object_title(label))}</title>" if is_prototype else ""
-    return f'<polygon style="fill:var(--o{label}){rim}" points="{shape}">{name}</polygon>'
+def _marker(label: int, x: float, y: float, prototype_of: str) -> str:
+    size = 9.0 if prototype_of else 3.4
+    shape = _polygon(label % _SHAPES, x, y, size)
+    rim = ";stroke:var(--ink);stroke-width:2" if prototype_of else ";fill-opacity:.75"
+    name = f"<title>prototype: {escape(prototype_of)}</title>" if prototype_of else ""
+    return f'<polygon style="fill:var(--o{label % _SHAPES}){rim}" points="{shape}">{name}</polygon>'
 
 
 _CORNERS: Sequence[tuple[int, float, float]] = (

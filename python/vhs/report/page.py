@@ -15,7 +15,7 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from vhs.envs.textures import png_bytes
+from vhs.png import png_bytes
 
 
 @dataclass(frozen=True, slots=True)

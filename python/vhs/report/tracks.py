@@ -1,4 +1,4 @@
-"""Evaluation episodes played for the page, with the true state: what was asked, reached, and the way."""
+"""Evaluation episodes played for the page: what was asked, reached, and the way where it can be drawn."""
 
 from __future__ import annotations
 
@@ -11,32 +11,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vhs import Outcome
-from vhs.acting.episodes import episode_seeds
-from vhs.acting.policy import TrainedAgent
-from vhs.envs import OBJECT_NAMES, RoomConfig, RoomEnv, plan
-from vhs.envs.config import FIRST_INTERACTION, MOVE_FORWARD, TURN_LEFT
-from vhs.envs.kinematics import Footprint, strided, turned
-from vhs.envs.oracle import NoPlanError
+from vhs.acting.policy import Policy
+from vhs.acting.seeds import episode_seeds
+from vhs.acting.setup import make_env
 from vhs.eval.evaluate import success_weighted_by_path_length
-from vhs.play.room import make_room
-from vhs.show.moments import Moment, run_episode
+from vhs.report.room import RoomWatch, RoomWay
+from vhs.show.moments import Moment, play_moments
 
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """One episode."""
+    """One evaluation episode as it was played."""
 
     number: int
     """Its place among the evaluation episodes of the seed."""
-    goal: int
-    """Label of the instructed object."""
     moments: tuple[Moment, ...]
-    footprints: tuple[Footprint, ...]
-    """Outlines of the objects, in order of labels."""
-    shortest: tuple[tuple[float, float], ...]
-    """Places on a shortest way, in metres, the start included; empty where there is none."""
     optimal_steps: int | None
-    room: RoomConfig
+    """Fewest steps to success; None where there is no way, or the task does not say."""
+    way: RoomWay | None
+    """What a drawing from above shows, where the episode was in a room."""
+
+    @property
+    def goal(self) -> int:
+        """Instructed goal class."""
+        return self.moments[0].goal
 
     @property
     def outcome(self) -> Outcome:
@@ -51,37 +49,52 @@ class Track:
         return len(self.moments) - 1
 
 
-def play_tracks(agent: TrainedAgent, episodes: int, seed: int) -> list[Track]:
-    """Play the first rooms that `vhs eval --seed` takes, actions sampled."""
-    room, actor = make_room(agent.config, is_drawn=False), agent.actor(seed, greedy=False)
-    tracks = []
-    for number, episode_seed in enumerate(islice(episode_seeds(seed, purpose=1), episodes)):
-        moments = run_episode(agent, actor, room, episode_seed)
-        first = next(moments)  # the room has now been reset
-        shortest, optimal = _shortest(room)
-        objects = room.world.footprints
-        tracks.append(Track(number, room.goal, (first, *moments), objects, shortest, optimal, room.config))
+def play_tracks(agent: Policy, episodes: int, seed: int) -> list[Track]:
+    """Play the first episodes that `vhs eval --seed` takes, actions sampled."""
+    env = make_env(agent.task, agent.spec)
+    seeds = islice(episode_seeds(seed, purpose=1), episodes)
+    played = play_moments(agent, env, seeds, seed, greedy=False)
+    tracks: list[Track] = []
+    for first in played:
+        optimal = None if agent.task.shortest is None else agent.task.shortest(env)
+        watch = RoomWatch.of(env)
+        moments = [first]
+        for moment in played:
+            moments.append(moment)
+            if watch is not None:
+                watch.look()
+            if moment.outcome is not None:
+                break
+        way = None if watch is None else watch.way
+        tracks.append(Track(len(tracks), tuple(moments), optimal, way))
     return tracks
 
 
-def confusion(tracks: Sequence[Track]) -> NDArray[np.int64]:
-    """How often each object was asked for (row) and reached (column; the last column: none).
+def confusion(tracks: Sequence[Track], num_goals: int) -> NDArray[np.int64]:
+    """How often each goal was asked for (row) and reached (column; the last column: none).
 
     Returns:
-        Counts, shape [classes, classes + 1].
+        Counts, shape [num_goals, num_goals + 1]; of tracks that say what was reached.
     """
-    counts = np.zeros((len(OBJECT_NAMES), len(OBJECT_NAMES) + 1), dtype=np.int64)
+    counts = np.zeros((num_goals, num_goals + 1), dtype=np.int64)
     for track in tracks:
-        counts[track.goal, track.moments[-1].reached] += 1
+        reached = track.moments[-1].reached
+        if reached is not None:
+            counts[track.goal, reached] += 1
     return counts
 
 
-def success_and_spl(tracks: Sequence[Track]) -> tuple[float, float]:
-    """Success rate, and success weighted by optimal / taken steps over the episodes that can be solved."""
+def success_and_spl(tracks: Sequence[Track]) -> tuple[float, float | None]:
+    """Success rate, and success weighted by optimal / taken steps over the episodes that can be solved.
+
+    The latter is None where no episode has one, as where the task does not say.
+    """
     success = np.array([track.outcome is Outcome.SUCCESS for track in tracks])
     optimal = np.array([math.inf if t.optimal_steps is None else float(t.optimal_steps) for t in tracks])
     taken = np.array([track.steps for track in tracks], dtype=np.float64)
     can = np.isfinite(optimal)
+    if not can.any():
+        return float(success.mean()), None
     return float(success.mean()), success_weighted_by_path_length(success[can], optimal[can], taken[can])
 
 
@@ -98,18 +111,3 @@ def pick(tracks: Sequence[Track], an_outcome: int = 2) -> list[Track]:
     return [
         track for outcome in Outcome for track in [t for t in tracks if t.outcome is outcome][:an_outcome]
     ]
-
-
-def _shortest(room: RoomEnv) -> tuple[tuple[tuple[float, float], ...], int | None]:
-    try:
-        actions = plan(room)
-    except NoPlanError:
-        return (), None
-    pose, places = room.world.start_pose, [room.world.start_pose[:2]]
-    for action in actions:
-        if action == MOVE_FORWARD:
-            pose = strided(pose, room.world.footprints, room.config)
-            places.append(pose[:2])
-        elif action < FIRST_INTERACTION:
-            pose = turned(pose, 1 if action == TURN_LEFT else -1)
-    return tuple(places), len(actions)

@@ -13,27 +13,28 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
 import torch
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
 from vhs.errors import CheckpointError
-from vhs.learning.algorithms import VHS
+from vhs.learning.goals import Goals
+from vhs.models import GoalAgent
 from vhs.runs.checkpoint import fitting
 
 FORMAT = "vhs-agent-1"
 _AGENT = "agent."
 _PROTOTYPES = "prototypes."
+_RNG = _PROTOTYPES + "rng"
 _DIGEST = "sha256"
 
 
-def encode_agent(learner: VHS, metadata: Mapping[str, str]) -> bytes:
-    """The bytes of the file for the networks and prototypes of a learner."""
+def encode_agent(agent: GoalAgent, goals: Goals, metadata: Mapping[str, str]) -> bytes:
+    """The bytes of the file for networks and the goals that they are told."""
     tensors = {
         name: _halved(value) if name.startswith(_AGENT) else value
-        for name, value in _tensors(learner).items()
+        for name, value in _tensors(agent, goals).items()
     }
     # A command may name a path that is not UTF-8, which the file has to be.
     described = {key: value.encode(errors="replace").decode() for key, value in metadata.items()}
@@ -41,15 +42,15 @@ def encode_agent(learner: VHS, metadata: Mapping[str, str]) -> bytes:
     return save(tensors, {**described, _DIGEST: _digest(tensors, described)})
 
 
-def read_agent(path: Path, learner: VHS) -> dict[str, str]:
-    """Load networks and prototypes into a learner of the same configuration.
+def read_agent(path: Path, agent: GoalAgent, goals: Goals) -> dict[str, str]:
+    """Load networks and goals into those of the same configuration.
 
     Returns:
         The metadata that `encode_agent` was given.
 
     Raises:
-        CheckpointError: the file is missing, damaged, of another kind, or does not fit the learner, which is
-            then as it was.
+        CheckpointError: the file is missing, damaged, of another kind, or does not fit, and then nothing
+            has changed.
     """
     try:
         with safe_open(path, framework="pt") as file:
@@ -62,28 +63,29 @@ def read_agent(path: Path, learner: VHS) -> dict[str, str]:
         raise CheckpointError(f"{path}: expected an exported agent of format {FORMAT}, found {found}")
     if metadata.pop(_DIGEST, None) != _digest(tensors, metadata):
         raise CheckpointError(f"{path}: damaged agent: its checksum is another one than that of its content")
-    _check(path, tensors, _tensors(learner))
+    _check(path, tensors, _tensors(agent, goals))
     with fitting(path):
-        _load(tensors, learner)
+        _load(tensors, agent, goals)
     return metadata
 
 
-def _tensors(learner: VHS) -> dict[str, Tensor]:
+def _tensors(agent: GoalAgent, goals: Goals) -> dict[str, Tensor]:
     """Everything that acting reads, under its name in the file."""
-    networks, prototypes = learner.agent.state_dict(), learner.prototypes.state_dict()
-    return {_AGENT + name: value for name, value in networks.items()} | {
-        _PROTOTYPES + "table": torch.from_numpy(prototypes["table"]),
-        _PROTOTYPES + "seen": torch.from_numpy(prototypes["seen"]),
-        # Generator state is unsigned words, which torch knows little of.
-        _PROTOTYPES + "rng": torch.from_numpy(prototypes["rng"].view(np.int64)),
-    }
+    networks = {_AGENT + name: value for name, value in agent.state_dict().items()}
+    named = {_PROTOTYPES + name: value for name, value in goals.state_dict().items()}
+    # Generator state is unsigned words, which torch knows little of.
+    named[_RNG] = named[_RNG].view(torch.int64)
+    return networks | named
 
 
-def _load(tensors: Mapping[str, Tensor], learner: VHS) -> None:
-    table, seen, rng = (tensors[_PROTOTYPES + name].numpy() for name in ("table", "seen", "rng"))
-    learner.prototypes.load_state_dict({"table": table, "seen": seen, "rng": rng.view(np.uint64)})
-    networks = {name: tensor for name, tensor in tensors.items() if name.startswith(_AGENT)}
-    learner.agent.load_state_dict({name.removeprefix(_AGENT): tensor for name, tensor in networks.items()})
+def _load(tensors: Mapping[str, Tensor], agent: GoalAgent, goals: Goals) -> None:
+    named = _below(_PROTOTYPES, {**tensors, _RNG: tensors[_RNG].view(torch.uint64)})
+    goals.load_state_dict(named)
+    agent.load_state_dict(_below(_AGENT, tensors))
+
+
+def _below(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    return {name.removeprefix(prefix): value for name, value in tensors.items() if name.startswith(prefix)}
 
 
 def _check(path: Path, tensors: Mapping[str, Tensor], expected: Mapping[str, Tensor]) -> None:

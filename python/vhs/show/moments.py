@@ -1,36 +1,26 @@
-"""An episode moment by moment: what was seen, from where, and what was done about it.
+"""An episode moment by moment: what was seen, and what was done about it.
 
-A moment is what the agent sees, with the action that it then chooses; the last moment of an episode has the
-outcome instead. An episode of n steps therefore has n + 1 moments.
+A moment is what the player sees, with the action that it then chooses; the last moment of an episode has the
+outcome instead. An episode of n steps therefore has n + 1 moments. While a moment is looked at, its
+environment stands where it shows: the next step waits until the next moment is asked for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vhs import Outcome
-from vhs.acting.actor import Actor
-from vhs.acting.policy import TrainedAgent
-from vhs.envs import OBJECT_NAMES, RoomEnv
-from vhs.envs.config import FIRST_INTERACTION
-from vhs.train.build import make_buffer
-
-MOVEMENTS = ("MoveForward", "TurnLeft", "TurnRight")
-STREAM = np.zeros(1, dtype=np.int64)
-"""The only stream of an episode that is played alone."""
-
-
-class Pose(NamedTuple):
-    """Measured pose of the robot in the world."""
-
-    x_m: float
-    y_m: float
-    yaw_rad: float
+from vhs.acting.environment import TaskEnv
+from vhs.acting.episodes import EndedEpisode, Episodes, Running
+from vhs.acting.policy import Policy
+from vhs.acting.setup import make_buffer
+from vhs.acting.stepping import LocalStepping
+from vhs.task import Task, TaskSpec
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,80 +29,76 @@ class Moment:
 
     step: int
     """Steps taken before it."""
+    goal: int
+    """Instructed goal class."""
     instruction: str
     view: NDArray[np.uint8]
-    """What the robot sees, uint8 [84, 84, 3]."""
+    """The newest frame, uint8 [height, width, channels]."""
     onlooker: NDArray[np.uint8] | None
-    """Third-person view, uint8 [480, 480, 3], where the room draws one."""
-    pose: Pose
+    """What the environment renders, uint8 [H, W, 3], where it does."""
     action: str | None = None
     """What is done now; None at the end of the episode, and before a person has chosen."""
     value: float | None = None
     """The critic's estimate of what is still to come, in units of the scaled reward."""
     outcome: Outcome | None = None
     """At the end of the episode alone."""
-    reached: int = -1
-    """Label of the object that ended the episode; -1 for none."""
+    reached: int | None = None
+    """Goal class that ended the episode, -1 for none; None before its end, or where the task does not say."""
+    ending: str | None = None
+    """Outcome and reached goal in words."""
 
 
-def instruction_of(room: RoomEnv) -> str:
-    """The instruction in words, such as "milk, interaction 2"."""
-    goal = object_title(room.goal)
-    return f"{goal}, interaction {room.interaction + 1}" if room.task.interactions > 1 else goal
+class Onlooker:
+    """Makes moments of the only environment of some episodes, between two of their steps."""
+
+    def __init__(self, task: Task, spec: TaskSpec, env: TaskEnv, stepping: LocalStepping) -> None:
+        """Look at `env`, which `stepping` steps."""
+        self._task, self._spec, self._env, self._stepping = task, spec, env, stepping
+
+    def running(self, episode: Running, **known: Any) -> Moment:
+        """The present moment of an episode; `known` are further fields of `Moment`."""
+        return self._moment(len(episode.actions), episode.goal, episode.interaction, **known)
+
+    def end(self, episode: EndedEpisode) -> Moment:
+        """The last moment of an episode."""
+        reached, words = episode.reached, episode.outcome.name.lower()
+        if reached is not None and reached >= 0:
+            words += f": {self._task.goal_name(reached)} reached"
+        end = {"outcome": episode.outcome, "reached": reached, "ending": words}
+        return self._moment(episode.steps, episode.goal, episode.interaction, **end)
+
+    def _moment(self, step: int, goal: int, interaction: int, **known: Any) -> Moment:
+        assert self._stepping.newest is not None
+        instruction = self._task.goal_name(goal)
+        if self._spec.num_interactions > 1:
+            instruction += f", interaction {interaction + 1}"
+        view = self._stepping.newest.frames[0]
+        onlooker = self._env.render() if self._env.render_mode == "rgb_array" else None
+        return Moment(step, goal, instruction, view, onlooker, **known)  # type: ignore[arg-type]
 
 
-def object_title(label: int) -> str:
-    """The name of a class for people."""
-    return OBJECT_NAMES[label].replace("_", " ")
-
-
-def action_name(room: RoomEnv, action: int) -> str:
-    """The name of an action, such as "TurnLeft" or "Interact 2"."""
-    if action < FIRST_INTERACTION:
-        return MOVEMENTS[action]
-    return f"Interact {action - FIRST_INTERACTION + 1}" if room.task.interactions > 1 else "Interact"
-
-
-def snapshot(room: RoomEnv, view: NDArray[np.uint8], **known: Any) -> Moment:
-    """The present moment of a room.
-
-    Args:
-        room: after a reset or a step.
-        view: the image of that reset or step.
-        known: further fields of `Moment`.
-    """
-    pose = Pose(*room.world.measured_pose)
-    return Moment(room.steps, instruction_of(room), view, room.render(), pose, **known)
-
-
-def ending(room: RoomEnv, view: NDArray[np.uint8], info: dict[str, Any]) -> Moment:
-    """The last moment of an episode, from the `info` of its last step."""
-    outcome = Outcome.from_name(info["outcome"])
-    return snapshot(room, view, outcome=outcome, reached=int(info["reached_object"]))
-
-
-def run_episode(agent: TrainedAgent, actor: Actor, room: RoomEnv, seed: int) -> Iterator[Moment]:
-    """Let an agent play one episode.
+def play_moments(
+    agent: Policy, env: TaskEnv, seeds: Iterable[int], seed: int, greedy: bool
+) -> Iterator[Moment]:
+    """Let an agent play episodes.
 
     Args:
-        agent: gives goal embeddings.
-        actor: chooses the actions; of one stream.
-        room: a room of the agent's task.
-        seed: of the episode.
+        agent: chooses the actions.
+        env: an environment of its task.
+        seeds: of the episodes.
+        seed: of the sampled actions.
+        greedy: take the likeliest action instead of a sample.
 
     Yields:
-        Its moments, from the reset to the outcome.
+        The moments of every episode, from the reset to the outcome.
     """
-    buffer = make_buffer(agent.config, room, 1, 1)
-    observation, _ = room.reset(seed=seed)
-    buffer.begin(0, observation["image"], room.goal, room.interaction)
-    actor.begin(0, agent.learner.embed_goal(room.goal), room.interaction)
-    while True:
-        actions, values = actor.act(STREAM, buffer.observe(STREAM))
-        action, value = int(actions[0]), float(values[0])
-        yield snapshot(room, observation["image"], action=action_name(room, action), value=value)
-        observation, reward, terminated, truncated, info = room.step(action)
-        buffer.append(0, action, reward=float(reward), value=value, frame=observation["image"])
-        if terminated or truncated:
-            yield ending(room, observation["image"], info)
-            return
+    buffer, stepping = make_buffer(agent.config, agent.spec, 1, 1), LocalStepping([env])
+    onlooker = Onlooker(agent.task, agent.spec, env, stepping)
+    episodes = Episodes(stepping, agent.player(buffer, seed, greedy), buffer, seeds)
+    episodes.start()
+    while not episodes.is_done:
+        for ended in episodes.step():
+            yield onlooker.end(ended)
+        for running in episodes.running.values():
+            action, value = episodes.chosen(0)
+            yield onlooker.running(running, action=agent.task.action_name(action), value=value)

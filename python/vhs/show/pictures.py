@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from vhs import Outcome
-from vhs.show.moments import Moment, object_title
+from vhs.show.moments import Moment
 
 SIDE_PX = 480
 """Height and width of each of the two views."""
@@ -61,19 +61,18 @@ def _frame_outcome(canvas: ImageDraw.ImageDraw, moment: Moment, font: ImageFont.
     colour = COLOURS[moment.outcome]
     canvas.rectangle((0, 0, WIDTH_PX - 1, SIDE_PX - 1), outline=colour, width=6)
     canvas.text((SIDE_PX + GAP_PX + 16, SIDE_PX + 12), "outcome", FAINT, _font(17))
-    canvas.text((SIDE_PX + GAP_PX + 16, SIDE_PX + 36), _ended(moment), colour, font)
-
-
-def _ended(moment: Moment) -> str:
-    """The outcome in words; only an onlooker knows what was reached."""
-    assert moment.outcome is not None
-    name = moment.outcome.name.lower()
-    return name if moment.reached < 0 else f"{name}: {object_title(moment.reached)} reached"
+    canvas.text((SIDE_PX + GAP_PX + 16, SIDE_PX + 36), moment.ending or "", colour, font)
 
 
 def _enlarged(view: NDArray[np.uint8], how: Image.Resampling) -> Image.Image:
-    """A square view at `SIDE_PX`; the agent's pixels stay visible as pixels."""
-    return Image.fromarray(view).resize((SIDE_PX, SIDE_PX), how)
+    """A view in the middle of a square of `SIDE_PX`; the agent's pixels stay visible as pixels."""
+    # Frames of other numbers of channels are no pictures: the first channel is shown.
+    picture = Image.fromarray(view if view.shape[2] == 3 else view[..., 0]).convert("RGB")
+    scale = SIDE_PX / max(picture.size)
+    large = picture.resize((round(scale * picture.width), round(scale * picture.height)), how)
+    square = Image.new("RGB", (SIDE_PX, SIDE_PX), BACKGROUND)
+    square.paste(large, ((SIDE_PX - large.width) // 2, (SIDE_PX - large.height) // 2))
+    return square
 
 
 def _font(size_px: int) -> ImageFont.FreeTypeFont:

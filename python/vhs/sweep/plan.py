@@ -16,7 +16,8 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from vhs.config import Config, known_keys, resolve_config
-from vhs.config.load import nest, parse_assignment, read_yaml, validate
+from vhs.config.load import nest, parse_assignment, read_yaml, unflatten, validate
+from vhs.config.schema import idle_keys
 from vhs.config.variants import describe_keys, differing_keys, flat_config
 from vhs.config.yaml12 import dump_yaml
 from vhs.errors import ConfigError
@@ -122,17 +123,20 @@ def plan_runs(path: Path, sweep: Sweep, cores_per_run: int) -> list[PlannedRun]:
         ConfigError: a combination that is no configuration, or two that would have the same name.
     """
     bases = [Path(os.path.normpath(path.parent / base)) for base in sweep.base]
-    trees = [read_yaml(base) for base in bases]
+    # What a sweep sets for all of its runs speaks to the methods that read it, as a file does.
+    shared = [*(read_yaml(base) for base in bases), unflatten(sweep.set)]
     runs: dict[str, PlannedRun] = {}
     for where, own, seed in _combinations(sweep):
-        keys = sweep.set | own | {"seed": seed}
-        config = _resolve(trees, keys | {"env.num_workers": 0}, f"{path}: {where}")
-        keys |= {"env.num_workers": _workers(config.env.num_envs, cores_per_run), "train.threads": 1}
-        config = _resolve(trees, keys, f"{path}: {where}")
+        own |= {"seed": seed, "env.num_workers": 0, "train.threads": 1}
+        config = _resolve(shared, own, f"{path}: {where}")
+        own["env.num_workers"] = _workers(config.env.num_envs, cores_per_run)
+        config = _resolve(shared, own, f"{path}: {where}")
         if any(run.config == config for run in runs.values()):
             continue
-        name = _name(_plain_method(trees, sweep.set, config.method.name), config, own)
-        run = PlannedRun(name, config, _arguments(bases, keys))
+        name = _name(_plain_method(shared, config.method.name), config, own)
+        idle = idle_keys(config.model_dump())
+        keys = {key: value for key, value in sweep.set.items() if key not in idle}
+        run = PlannedRun(name, config, _arguments(bases, keys | own))
         if runs.setdefault(run.name, run) is not run:
             raise ConfigError(f"{path}: {where}: another run is called {run.name} too")
     return list(runs.values())
@@ -154,17 +158,17 @@ def _workers(num_envs: int, cores_per_run: int) -> int:
     return next(count for count in range(cores_per_run - 1, -1, -1) if count == 0 or num_envs % count == 0)
 
 
-def _resolve(trees: list[dict[str, Any]], keys: Mapping[str, Any], where: str) -> Config:
+def _resolve(shared: list[dict[str, Any]], own: Mapping[str, Any], where: str) -> Config:
     try:
-        return resolve_config([*trees, *(nest(key, value) for key, value in keys.items())])
+        return resolve_config(shared, [unflatten(own)])
     except ConfigError as error:
         raise ConfigError(f"{where}: {error}") from error
 
 
-def _plain_method(trees: list[dict[str, Any]], keys: Mapping[str, Any], method: str) -> Config | None:
+def _plain_method(shared: list[dict[str, Any]], method: str) -> Config | None:
     """A method without the keys of any grid; None where it is none without them."""
     try:
-        return resolve_config([*trees, *(nest(*item) for item in keys.items()), nest("method.name", method)])
+        return resolve_config(shared, [nest("method.name", method)])
     except ConfigError:
         return None
 

@@ -18,8 +18,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
+from vhs.acting.setup import check_runnable
 from vhs.console import Output
 from vhs.errors import ConfigError, VhsError
+from vhs.interrupt import StopRequest, stop_on_signal
 from vhs.runs.directory import LOCK_NAME, check_run
 from vhs.runs.files import writing
 from vhs.runs.lock import hold
@@ -27,8 +29,6 @@ from vhs.sweep import launch
 from vhs.sweep.display import SweepDisplay, describe_result
 from vhs.sweep.plan import EvalSection, PlannedRun, plan_runs, read_sweep
 from vhs.sweep.state import Stage, newest_row, next_stage
-from vhs.train.build import check_runnable
-from vhs.train.interrupt import StopRequest, stop_on_signal
 
 _POLL_S = 0.2
 _DISPLAY_S = 2.0

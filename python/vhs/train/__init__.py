@@ -1,4 +1,4 @@
-"""Training: rollouts, the loop, checkpoints, logs."""
+"""Training: the loop, what it is built of, measurements, exports."""
 
 from vhs.train.loop import train
 

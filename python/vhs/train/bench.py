@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import itertools
 import os
 import tempfile
 import time
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +15,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from vhs.acting.episodes import Episodes
+from vhs.acting.players import RandomPlayer
+from vhs.acting.setup import check_runnable, convolution_dtype, make_buffer, make_stepping, task_of
 from vhs.config import Config
 from vhs.errors import OutputError
-from vhs.train.build import check_runnable, convolution_dtype, make_envs, make_rooms
 from vhs.train.log import TrainingLog
 from vhs.train.loop import Session
 from vhs.train.memory import keep_freed_memory
@@ -33,8 +37,8 @@ class Speed:
     """Of torch, in one operation."""
     precision: str
     """Of the convolutions."""
-    rooms_steps_per_s: float
-    """Environment steps a second of the rooms alone, under random actions."""
+    environments_steps_per_s: float
+    """Steps a second of the environments alone, under random actions, their frames stored."""
     steps_per_s: float
     """Environment steps a second of training, with every loss at work if the agent succeeded in time."""
     episodes_per_s: float
@@ -44,7 +48,7 @@ class Speed:
 
 
 def bench(config: Config, seconds: float = 10.0) -> Speed:
-    """Measure the rooms and the training of a configuration; nothing is left on the disk.
+    """Measure the environments and the training of a configuration; nothing is left on the disk.
 
     Args:
         config: the resolved configuration, whose workers, learners, threads and device are what is measured.
@@ -58,48 +62,48 @@ def bench(config: Config, seconds: float = 10.0) -> Speed:
     check_runnable(config)
     torch.set_num_threads(config.train.threads)
     keep_freed_memory()
-    rooms = _rooms_alone(config, seconds)
-    steps, episodes = _training(config, seconds)
+    environments = measure_environments(config, seconds)
+    steps, episodes = measure_training(config, seconds)
     return Speed(
         task=config.task,
         method=config.method.name,
         cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
         threads=config.train.threads,
         precision=str(convolution_dtype(config)).removeprefix("torch."),
-        rooms_steps_per_s=rooms,
+        environments_steps_per_s=environments,
         steps_per_s=steps,
         episodes_per_s=episodes,
         minutes=config.train.episodes / episodes / 60,
     )
 
 
-def _rooms_alone(config: Config, seconds: float) -> float:
-    """Steps a second of the rooms; a reset counts as none, and takes its time."""
-    streams = config.env.num_envs
-    actions = np.random.default_rng(config.seed)
-    with closing(make_envs(config, 1)[0]) as env:
-        num_actions = int(env.action_space.n)  # type: ignore[attr-defined]
-    with closing(make_rooms(config, streams)) as rooms:
-        rooms.reset(range(streams), range(streams))
-        steps, seed, began = 0, streams, time.monotonic()
-        warm_until = began + seconds / 2
-        is_warm = False
-        while (now := time.monotonic()) < warm_until + seconds:
-            if not is_warm and now >= warm_until:
-                steps, began, is_warm = 0, now, True
-            answers = rooms.recv()
-            ended, running = answers.streams[answers.is_end], answers.streams[~answers.is_end]
-            steps += int((~answers.is_first).sum())
-            if len(ended):
-                rooms.reset(ended.tolist(), range(seed, seed + len(ended)))
-                seed += len(ended)
-            if len(running):
-                rooms.send(running, actions.integers(num_actions, size=len(running)))
-        return steps / (now - began)
+def measure_environments(config: Config, seconds: float) -> float:
+    """Steps a second of the environments; a reset counts as none, and takes its time."""
+    streams, task = config.env.num_envs, task_of(config)
+    spec = task.spec()
+    player = RandomPlayer(spec.num_actions, np.random.default_rng(config.seed))
+    with closing(make_stepping(config, task, spec, streams)) as stepping:
+        episodes = Episodes(stepping, player, make_buffer(config, spec, streams, streams), itertools.count())
+        episodes.start()
+        _repeat(episodes.step, seconds / 2, time.monotonic)
+        warm = episodes.steps
+        taken = _repeat(episodes.step, seconds, time.monotonic)
+        return (episodes.steps - warm) / taken
 
 
-def _training(config: Config, seconds: float) -> tuple[float, float]:
-    """Steps and episodes a second that a run learns from, once every loss is at work."""
+def measure_training(
+    config: Config, seconds: float, clock: Callable[[], float] = time.monotonic
+) -> tuple[float, float]:
+    """Steps and episodes a second that a run learns from, once every loss is at work.
+
+    Args:
+        config: the resolved configuration.
+        seconds: of the measurement; the warm-up before it takes from half to six and a half times as long.
+        clock: seconds since some moment.
+
+    Raises:
+        OutputError: no episode was learned from in this time.
+    """
     soon = config.model_copy(update={"method": config.method.model_copy(update={"warmup": 1})})
     with tempfile.TemporaryDirectory(prefix="vhs-bench-") as directory:
         run = Path(directory)
@@ -107,12 +111,16 @@ def _training(config: Config, seconds: float) -> tuple[float, float]:
             closing(Session(soon, run)) as session,
             TrainingLog(run, config.train.episodes, 0, io.StringIO()) as log,
         ):
-            _advance(session, log, seconds / 2)
-            patience = time.monotonic() + 6 * seconds
-            while not session.has_every_loss and time.monotonic() < patience:
+
+            def advance() -> None:
                 session.advance(log)
+
+            _repeat(advance, seconds / 2, clock)
+            patience = clock() + 6 * seconds
+            while not session.has_every_loss and clock() < patience:
+                advance()
             before = session.progress.episodes, session.progress.env_steps
-            taken = _advance(session, log, seconds)
+            taken = _repeat(advance, seconds, clock)
             episodes = session.progress.episodes - before[0]
             steps = session.progress.env_steps - before[1]
     if not episodes:
@@ -122,8 +130,9 @@ def _training(config: Config, seconds: float) -> tuple[float, float]:
     return steps / taken, episodes / taken
 
 
-def _advance(session: Session, log: TrainingLog, seconds: float) -> float:
-    began = time.monotonic()
-    while time.monotonic() - began < seconds:
-        session.advance(log)
-    return time.monotonic() - began
+def _repeat(action: Callable[[], object], seconds: float, clock: Callable[[], float]) -> float:
+    """Do something again and again for some time; the seconds that it really took."""
+    began = clock()
+    while clock() - began < seconds:
+        action()
+    return clock() - began

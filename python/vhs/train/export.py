@@ -9,16 +9,16 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from vhs.acting.policy import TrainedAgent, load_agent
+from vhs.acting.policy import Policy, load_agent
+from vhs.acting.setup import to_act_here
 from vhs.config import Config, dump_config
 from vhs.errors import CheckpointError
 from vhs.runs.agent_file import encode_agent
 from vhs.runs.directory import AGENT_NAME, CONFIG_NAME, META_NAME, describe, is_exported, read_meta
 from vhs.runs.files import is_partial, write_files
-from vhs.train.build import to_act_here
 
 
-def export_agent(run: Path, directory: Path) -> TrainedAgent:
+def export_agent(run: Path, directory: Path) -> Policy:
     """Write the newest agent of a run to a directory that `load_agent` reads.
 
     Args:
@@ -36,26 +36,20 @@ def export_agent(run: Path, directory: Path) -> TrainedAgent:
     if is_exported(run):
         raise CheckpointError(f"{run}: expected the directory of a run, found an exported agent")
     trained, meta = load_agent(run), read_meta(run)
-    _fix_prototypes(trained)
+    for label in range(len(trained.goals.counts)):
+        trained.goals.refresh(label)  # exact prototypes: the images behind them stay here
     about = {name: str(meta.get(name) or "") for name in ("command", "version", "commit")}
     about["trained_episodes"] = str(trained.trained_episodes)
     exported = {name: describe()[name] for name in ("version", "commit", "time")}
     story = {**meta, "trained_episodes": trained.trained_episodes, "exported": exported}
     files: dict[str, str | bytes] = {
-        AGENT_NAME: encode_agent(trained.learner, about),
+        AGENT_NAME: encode_agent(trained.agent, trained.goals, about),
         META_NAME: json.dumps(story, indent=2) + "\n",
         # Last: a directory without a configuration is neither a run nor an agent.
         CONFIG_NAME: dump_config(_on_any_machine(trained.config)),
     }
     write_files(directory, files)
     return trained
-
-
-def _fix_prototypes(trained: TrainedAgent) -> None:
-    """Embed exact prototypes now: the goal store that they are drawn from stays behind."""
-    if trained.config.method.prototype == "exact":
-        for label in range(trained.learner.prototypes.num_classes):
-            trained.learner.embed_goal(label)
 
 
 def _on_any_machine(config: Config) -> Config:

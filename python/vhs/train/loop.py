@@ -1,4 +1,4 @@
-"""The training loop: collect, learn, store goals, log, save; any algorithm with the face of `VHS` fits."""
+"""The training loop: collect, learn, store goals, log, save; any learner with the face of `Learner` fits."""
 
 from __future__ import annotations
 
@@ -13,21 +13,25 @@ import numpy as np
 import torch
 
 from vhs.acting.actor import Actor
-from vhs.acting.episodes import EndedEpisode, Rollout, episode_seeds
+from vhs.acting.episodes import EndedEpisode, Episodes
+from vhs.acting.players import AgentPlayer
 from vhs.acting.replay import episodes_state, resume_episodes
+from vhs.acting.seeds import episode_seeds
+from vhs.acting.setup import (
+    check_runnable,
+    check_spec,
+    convolution_dtype,
+    make_buffer,
+    make_stepping,
+    task_of,
+)
 from vhs.config import Config
+from vhs.interrupt import stop_on_signal
 from vhs.runs.checkpoint import fitting, has_checkpoint, load_checkpoint, save_checkpoint
 from vhs.runs.directory import check_run, open_run
 from vhs.runs.window import Window
-from vhs.train.build import (
-    check_runnable,
-    convolution_dtype,
-    make_buffer,
-    make_envs,
-    make_learner,
-    make_rooms,
-)
-from vhs.train.interrupt import stop_on_signal
+from vhs.task import Task
+from vhs.train.build import make_learner
 from vhs.train.log import TrainingLog
 from vhs.train.memory import keep_freed_memory
 
@@ -46,13 +50,14 @@ class Progress:
     """Wall-clock of training over all resumptions."""
 
 
-def train(config: Config, run: Path, stream: TextIO | None = None) -> bool:
+def train(config: Config, run: Path, stream: TextIO | None = None, *, task: Task | None = None) -> bool:
     """Train until `train.episodes` or a signal, resuming what the directory already holds.
 
     Args:
         config: the resolved configuration.
         run: directory of the run; made when missing.
         stream: where a person reads along; standard output by default.
+        task: what to train on; None: the task that the configuration names.
 
     Returns:
         True when the run is finished, False when a signal stopped it.
@@ -62,11 +67,11 @@ def train(config: Config, run: Path, stream: TextIO | None = None) -> bool:
         OutputError: a checkpoint or the log cannot be written; the checkpoints before it are untouched.
         DivergenceError: the loss became infinite or NaN; the last checkpoint is untouched.
     """
-    check_runnable(config)
+    check_runnable(config, task)
     check_run(config, run)
     torch.set_num_threads(config.train.threads)
     keep_freed_memory()
-    session = Session(config, run)
+    session = Session(config, run, task)
     with (
         closing(session),
         open_run(
@@ -102,27 +107,32 @@ def train(config: Config, run: Path, stream: TextIO | None = None) -> bool:
 class Session:
     """One run's parts, from its first episode or from its last checkpoint."""
 
-    def __init__(self, config: Config, run: Path) -> None:
-        """Take up the run in a directory where it stands."""
+    def __init__(self, config: Config, run: Path, task: Task | None = None) -> None:
+        """Take up the run in a directory where it stands; `task` as for `train`."""
         self._config = config
         self._run = run
         self.progress = Progress()
-        env, streams = make_envs(config, 1)[0], config.env.num_envs
-        self._learner = make_learner(config, env)
+        task, streams = task or task_of(config), config.env.num_envs
+        spec = task.spec()
+        check_spec(config, task, spec)
+        self._learner = make_learner(config, spec)
         self._generator = torch.Generator().manual_seed(config.seed)
         self._window = Window()
         with fitting(run):
             state = self._restore() if has_checkpoint(run) else None
-        self._buffer = make_buffer(config, env, streams, streams + config.train.episodes_per_update)
-        actor = Actor(self._learner.agent, streams, dtype=self._learner.dtype, generator=self._generator)
+        self._buffer = make_buffer(config, spec, streams, streams + config.train.episodes_per_update)
+        self._actor = Actor(
+            self._learner.agent, streams, dtype=self._learner.dtype, generator=self._generator
+        )
         self._begun_before = self.progress.begun
         seeds = episode_seeds(config.seed, first=self._begun_before)
-        self._rooms = make_rooms(config, streams)
-        self._rollout = Rollout(
-            self._rooms, streams, actor, self._buffer, self._learner.embed_goal, seeds, begin=state is None
-        )
+        self._stepping = make_stepping(config, task, spec, streams)
+        player = AgentPlayer(self._actor, self._buffer, self._learner.goals.begin)
+        self._episodes = Episodes(self._stepping, player, self._buffer, seeds)
         self._waiting: deque[EndedEpisode] = deque()
-        if state is not None:
+        if state is None:
+            self._episodes.start()
+        else:
             self._replay(state)
         # A finished run has nothing to make again.
         self.rows_until = self.progress.episodes if self.is_finished else self.progress.logged
@@ -135,17 +145,27 @@ class Session:
         return self.progress.episodes >= self._config.train.episodes
 
     @property
+    def num_waiting(self) -> int:
+        """Episodes that have ended and wait to be learned from."""
+        return len(self._waiting)
+
+    @property
+    def num_running(self) -> int:
+        """Episodes that run."""
+        return len(self._episodes.running)
+
+    @property
     def has_every_loss(self) -> bool:
-        """Whether the goal store is full enough for the losses on it, if there are any."""
-        return self._learner.is_warm or self._config.method.parts.goal_loss is None
+        """Whether every term of the method is at work."""
+        return self._learner.has_every_term
 
     def advance(self, log: TrainingLog) -> None:
-        """One update where a whole group of episodes is waiting, one step of every room otherwise.
+        """One update where a whole group of episodes is waiting, one step of every environment otherwise.
 
         Between two calls the run can be saved: see `vhs.acting.replay`.
         """
         if len(self._waiting) < self._config.train.episodes_per_update:
-            self._waiting.extend(self._rollout.step())
+            self._waiting.extend(self._episodes.step())
             return
         self._learn()
         log.advance(self.progress.episodes)
@@ -158,12 +178,12 @@ class Session:
     def _learn(self) -> None:
         episodes = [self._waiting.popleft() for _ in range(self._config.train.episodes_per_update)]
         ids = np.array([episode.id for episode in episodes], dtype=np.int64)
-        goals = torch.stack([episode.goal_embedding for episode in episodes])
+        goals = torch.stack([e.goal_embedding for e in episodes if e.goal_embedding is not None])
         learners = self._config.train.learners
         shares = zip(np.split(ids, learners), goals.chunk(learners), strict=True)
         metrics = self._learner.update([(self._buffer.gather(own), embedded) for own, embedded in shares])
         self._window.add_update(metrics)
-        self._learner.goal_store.collect(self._buffer, ids)
+        self._learner.goals.collect(self._buffer, ids)
         self._window.add_episodes(episodes)
         self.progress.episodes += len(episodes)
         self.progress.env_steps += sum(episode.steps for episode in episodes)
@@ -180,13 +200,13 @@ class Session:
             "episodes": self.progress.episodes,
             "env_steps": self.progress.env_steps,
             "updates": self._learner.updates,
-            "episodes_cut": self._rollout.cut,
+            "episodes_cut": self._episodes.cut,
             "time/minutes": round(self.progress.seconds / 60, 4),
             "speed/steps_per_s": round(speed, 2),
         }
         row |= {f"rate/{name}": rate for name, rate in self._window.rates().items()}
         row |= {f"loss/{name}": value for name, value in self._window.losses().items()}
-        row |= {f"goals/{label}": int(count) for label, count in enumerate(self._learner.goal_store.counts)}
+        row |= {f"goals/{label}": int(count) for label, count in enumerate(self._learner.goals.counts)}
         self._row_clock, self._row_steps = now, self.progress.env_steps
         return row
 
@@ -203,32 +223,32 @@ class Session:
         """Write a checkpoint, from which the run goes on as if nothing had happened."""
         log.sync()
         self._tick(time.monotonic())
-        self.progress.begun = self._begun_before + self._rollout.begun
+        self.progress.begun = self._begun_before + self._episodes.begun
         state = {
             "progress": {name: getattr(self.progress, name) for name in Progress.__slots__},
             "learner": self._learner.state_dict(),
             "actions": self._generator.get_state(),
             "window": self._window.state_dict(),
-            "episodes": episodes_state(self._rollout, self._waiting, self._buffer),
+            "episodes": episodes_state(self._episodes, self._actor, self._waiting),
         }
         save_checkpoint(
             self._run,
             self.progress.episodes,
             state,
-            self._learner.goal_store,
+            self._learner.goals.store,
             keep=self._config.train.keep_checkpoints,
         )
         self._save_clock = time.monotonic()
 
     def close(self) -> None:
-        """End the rooms."""
-        self._rooms.close()
+        """End the environments."""
+        self._stepping.close()
 
     def _restore(self) -> dict[str, Any]:
-        """Load everything but the episodes, which need rooms; the whole state."""
+        """Load everything but the episodes, which need environments; the whole state."""
         state, goal_store = load_checkpoint(self._run)
         self._learner.load_state_dict(state["learner"])
-        self._learner.goal_store = goal_store
+        self._learner.goals.store = goal_store
         self._generator.set_state(state["actions"])
         self.progress = Progress(**state["progress"])
         self._window.load_state_dict(state["window"])
@@ -240,14 +260,12 @@ class Session:
             with fitting(self._run):
                 self._waiting = resume_episodes(
                     state["episodes"],
-                    self._rollout,
-                    self._rooms,
-                    self._config.env.num_envs,
-                    self._buffer,
+                    self._episodes,
+                    self._actor,
                     next(self._learner.agent.parameters()).device,
                 )
         except BaseException:
-            self._rooms.close()
+            self._stepping.close()
             raise
 
     def _tick(self, now: float) -> None:

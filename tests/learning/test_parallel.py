@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from vhs.learning.replicas import Replicas
+from vhs.learning.parallel import Replicas
 from vhs.models import FeatureExtractor, GoalAgent
 
 

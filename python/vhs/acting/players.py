@@ -1,0 +1,73 @@
+"""Who chooses the actions of episodes: the agent or chance; `vhs.acting.replay` plays them once more."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from vhs import EpisodeBuffer
+from vhs.acting.actor import Actor
+
+Choice = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]
+"""Streams, the action of each and the critic's value when it was chosen, 0 without a critic; all [n]."""
+
+
+class Player(Protocol):
+    """Chooses what is done in every stream."""
+
+    def begin(self, stream: int, goal: int, interaction: int) -> Tensor | None:
+        """Take the instruction of an episode that begins.
+
+        Returns:
+            The goal embedding that it is acted under, shape [feature_dim], where there is one.
+        """
+        ...
+
+    def act(self, streams: NDArray[np.int64]) -> Choice:
+        """Choose actions in some of `streams`; the others rest until they are asked again."""
+        ...
+
+
+class AgentPlayer:
+    """The agent, told each goal as an embedding."""
+
+    def __init__(self, actor: Actor, buffer: EpisodeBuffer, embed_goal: Callable[[int], Tensor]) -> None:
+        """Join the parts.
+
+        Args:
+            actor: as many streams as `buffer`.
+            buffer: has the observations.
+            embed_goal: goal class to goal embedding of shape [feature_dim], called once an episode.
+        """
+        self._actor, self._buffer, self._embed_goal = actor, buffer, embed_goal
+
+    def begin(self, stream: int, goal: int, interaction: int) -> Tensor:
+        """Embed the goal and forget the stream's last episode."""
+        embedding = self._embed_goal(goal)
+        self._actor.begin(stream, embedding, interaction)
+        return embedding
+
+    def act(self, streams: NDArray[np.int64]) -> Choice:
+        """One inference for all."""
+        actions, values = self._actor.act(streams, self._buffer.observe(streams))
+        return streams, actions, values
+
+
+class RandomPlayer:
+    """Uniformly random actions."""
+
+    def __init__(self, num_actions: int, rng: np.random.Generator) -> None:
+        """Draw from `rng`."""
+        self._num_actions, self._rng = num_actions, rng
+
+    def begin(self, stream: int, goal: int, interaction: int) -> None:
+        """Instructions do not matter."""
+
+    def act(self, streams: NDArray[np.int64]) -> Choice:
+        """An action for every stream."""
+        actions = self._rng.integers(self._num_actions, size=len(streams))
+        return streams, actions, np.zeros(len(streams), np.float32)

@@ -1,0 +1,52 @@
+"""The one way from a task to an episode buffer: all that it knows of an environment is in the spec."""
+
+from __future__ import annotations
+
+from os import PathLike
+from typing import Any
+
+from vhs._core import EpisodeBuffer
+from vhs.task import TaskSpec
+
+__all__ = ["make_buffer"]
+
+
+def make_buffer(
+    spec: TaskSpec,
+    *,
+    capacity_steps: int,
+    num_streams: int = 1,
+    frame_stack: int = 1,
+    backing: str | PathLike[str] = "memory",
+    seed: int = 0,
+) -> EpisodeBuffer:
+    """A buffer that fits a task.
+
+    Args:
+        spec: Sizes and types of the task.
+        capacity_steps: Steps kept over all episodes.
+        num_streams: Environments that will feed the buffer.
+        frame_stack: Frames in one observation.
+        backing: As for `EpisodeBuffer`.
+        seed: Of the buffer's generator.
+
+    Raises:
+        ArgumentError: For interactions that the buffer cannot tell apart, or sizes that it cannot hold.
+    """
+    vectors: dict[str, Any] = {"goal_shape": spec.goal_shape, "goal_dtype": spec.goal_dtype}
+    return EpisodeBuffer(
+        spec.frame_shape,
+        num_streams=num_streams,
+        max_episode_steps=spec.max_episode_steps,
+        capacity_steps=capacity_steps,
+        frame_stack=frame_stack,
+        num_goals=spec.num_goals,
+        num_interactions=spec.num_interactions,
+        first_interaction_action=spec.first_interaction_action,
+        dtype=spec.frame_dtype,
+        action_dim=spec.action_dim,
+        goals=spec.goals,
+        backing=backing,
+        seed=seed,
+        **(vectors if spec.goals == "vectors" else {}),
+    )

@@ -1,0 +1,272 @@
+"""Goals: what names them to the policy, and what of them is kept to learn from.
+
+One face for whoever acts, learns or looks: an episode is told something and acts under its embedding, what
+an episode reached becomes a goal in hindsight, and images of reached goals feed the losses on them. Here
+goals are classes, named by prototypes of their images or by learned words; whatever else may be told (a
+picture, a vector, a text) is a further implementation of `Goals`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike, NDArray
+from torch import Tensor
+from torch.nn.functional import normalize
+
+from vhs import EpisodeBuffer, GoalStore, Prototypes
+from vhs.config import Config, MethodSection
+from vhs.models import GoalAgent, to_device, to_numpy
+
+
+class GoalImages(NamedTuple):
+    """A class-balanced batch: uint8 [n, stack, height, width, colours], and classes, int64 [n]."""
+
+    observations: Tensor
+    labels: Tensor
+
+
+class Goals(Protocol):
+    """What the goals of a run are to acting and learning."""
+
+    store: GoalStore
+    """Images of reached goals; saved beside the rest of the state, and put back by whoever loads both."""
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """Images of reached goals of each class, shape [classes]."""
+        ...
+
+    @property
+    def is_warm(self) -> bool:
+        """Whether enough images are stored for the losses on them."""
+        ...
+
+    def begin(self, told: int) -> Tensor:
+        """The embedding of an episode that begins: `embedding`, after everything that is drawn for it.
+
+        Returns:
+            float32, a constant, shape [feature_dim].
+        """
+        ...
+
+    def refresh(self, told: int) -> None:
+        """Bring the embedding up to the newest weights and images, where it is made of images when needed."""
+        ...
+
+    def embedding(self, told: int) -> Tensor:
+        """What names a goal now; draws nothing and changes nothing.
+
+        Returns:
+            float32, a constant, shape [feature_dim].
+        """
+        ...
+
+    def instructed(self, agent: GoalAgent, told: Tensor, acted: Tensor) -> Tensor:
+        """The goal embeddings under which an update looks at lived episodes.
+
+        Args:
+            agent: one that learns, whose words get the gradient.
+            told: what each episode was told, int64 [B].
+            acted: what it acted under, float32 [B, feature_dim].
+
+        Returns:
+            float32 [B, feature_dim].
+        """
+        ...
+
+    def hindsight(self, reached: Tensor) -> Tensor:
+        """The goals of relabelled episodes from their f(o_T), constants, both of shape [R, feature_dim]."""
+        ...
+
+    def collect(self, buffer: EpisodeBuffer, ids: ArrayLike) -> None:
+        """Keep what the successes among some finished episodes reached."""
+        ...
+
+    def batch(self) -> GoalImages | None:
+        """Draw the goal images of an update; None before `is_warm`."""
+        ...
+
+    def learned(self, images: GoalImages, features: Tensor) -> None:
+        """Take the features, float32 [n, feature_dim], that an update gave to a batch of images."""
+        ...
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """All that changes but the store."""
+        ...
+
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+        """Return to a state that `state_dict` gave."""
+        ...
+
+
+class ClassGoals(Goals):
+    """Goals that are classes: their images in a store, and p^x, the mean feature of a class (paper Eq. 4)."""
+
+    def __init__(
+        self,
+        agent: GoalAgent,
+        store: GoalStore,
+        prototypes: Prototypes,
+        method: MethodSection,
+        dtype: torch.dtype,
+    ) -> None:
+        """Join the parts.
+
+        Args:
+            agent: the networks, for words and for features of exact prototypes.
+            store: images of reached goals, in so many classes as `prototypes` has.
+            prototypes: the table of them.
+            method: when and how they are made.
+            dtype: type in which the convolutions multiply.
+        """
+        self.store = store
+        self.prototypes = prototypes
+        self._agent = agent
+        self._method = method
+        self._dtype = dtype
+        self._device = agent.gate.weight.device
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """Images stored of each class, shape [classes]."""
+        return self.store.counts
+
+    @property
+    def is_warm(self) -> bool:
+        """Whether the store holds `method.warmup` images."""
+        return len(self.store) >= self._method.warmup
+
+    def collect(self, buffer: EpisodeBuffer, ids: ArrayLike) -> None:
+        """Store the last observation of each success under its instructed class."""
+        self.store.collect(buffer, ids)
+
+    def batch(self) -> GoalImages | None:
+        """`method.supcon_batch` images, balanced over the classes; None before `is_warm`."""
+        if not self.is_warm:
+            return None
+        observations, labels = self.store.sample(self._method.supcon_batch, balanced=True)
+        return GoalImages(to_device(observations, self._device), to_device(labels, self._device))
+
+    def learned(self, images: GoalImages, features: Tensor) -> None:
+        """Move running prototypes towards the features of an update."""
+        if self._method.prototype == "running":
+            self.prototypes.update(to_numpy(features), to_numpy(images.labels))
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """The prototypes, as tensors, which `torch.load` reads without unpickling code."""
+        arrays: Mapping[str, Any] = {**self.prototypes.state_dict()}
+        return {name: torch.from_numpy(array) for name, array in arrays.items()}
+
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+        """Return to prototypes that `state_dict` gave."""
+        self.prototypes.load_state_dict({name: tensor.numpy() for name, tensor in state.items()})
+
+
+class PrototypeGoals(ClassGoals):
+    """Classes that are named by their prototypes.
+
+    A running prototype follows the features of each update's batch; an exact one is made of stored images
+    when an episode begins. A class without one is named by N(0, 1), anew for each episode.
+    """
+
+    @cached_property
+    def _noise(self) -> NDArray[np.float32]:
+        """What names each class until it has a prototype, shape [classes, feature_dim]."""
+        return np.zeros_like(self.prototypes.table)
+
+    def begin(self, told: int) -> Tensor:
+        """The embedding of an episode of class `told`: its prototype as of now, else fresh noise."""
+        if self._method.prototype == "exact":
+            self.refresh(told)
+        else:
+            self._draw_noise(told)
+        return self.embedding(told)
+
+    def refresh(self, told: int) -> None:
+        """Draw an exact p^x anew: from stored images, or as noise while there is none."""
+        if self._method.prototype == "exact":
+            if self.store.counts[told]:
+                self._embed_images(told)
+            self._draw_noise(told)
+
+    def embedding(self, told: int) -> Tensor:
+        """p^x; of a class without one, the noise that its last episode began with, zeros before the first."""
+        vectors = self.prototypes.table if self.prototypes.seen[told] else self._noise
+        return to_device(vectors[told].copy(), self._device)
+
+    def instructed(self, agent: GoalAgent, told: Tensor, acted: Tensor) -> Tensor:
+        """What the episodes acted under: prototypes are constants in every loss."""
+        return acted
+
+    def hindsight(self, reached: Tensor) -> Tensor:
+        """The prototype nearest in angle to each f(o_T), or f(o_T) itself, as `method.hindsight_goal` says.
+
+        Without a prototype of every class, and before goals can be told apart, it is f(o_T).
+        """
+        can_name = self.prototypes.seen.all() and self.is_warm
+        if self._method.hindsight_goal == "feature" or not can_name:
+            return reached
+        table = to_device(self.prototypes.table, self._device)
+        nearest = (reached @ normalize(table, dim=1).T).argmax(dim=1)
+        return table[nearest]
+
+    def _draw_noise(self, told: int) -> None:
+        """A fresh N(0, 1) vector for a class without a prototype."""
+        if not self.prototypes.seen[told]:
+            self._noise[told] = self.prototypes.embed(np.array([told], dtype=np.int64))[0]
+
+    def _embed_images(self, told: int) -> None:
+        """Set p^x to the mean feature of stored images, with running statistics as when acting."""
+        images = self.store.sample_class(told, self._method.prototype_samples)
+        self._agent.eval()
+        with torch.inference_mode():
+            features = self._agent.extractor(to_device(images, self._device), self._dtype)
+        self.prototypes.update(to_numpy(features), np.full(len(images), told, dtype=np.int64))
+
+
+class WordGoals(ClassGoals):
+    """Classes that are named by learned words of the agent; their images and prototypes tell no policy."""
+
+    def begin(self, told: int) -> Tensor:
+        """The word as it is now."""
+        return self.embedding(told)
+
+    def refresh(self, told: int) -> None:
+        """A word is always up to date."""
+
+    def embedding(self, told: int) -> Tensor:
+        """A copy of the word, without a gradient."""
+        return _words(self._agent).weight[told].detach().clone()
+
+    def instructed(self, agent: GoalAgent, told: Tensor, acted: Tensor) -> Tensor:
+        """The words as `agent` has them, looked up anew so that they learn."""
+        found: Tensor = _words(agent)(told)
+        return found
+
+    def hindsight(self, reached: Tensor) -> Tensor:
+        """f(o_T): no word says what was reached by mistake."""
+        return reached
+
+
+def _words(agent: GoalAgent) -> torch.nn.Embedding:
+    assert agent.words is not None, "an agent that was built with words"
+    return agent.words
+
+
+def make_goals(config: Config, agent: GoalAgent, num_goals: int, dtype: torch.dtype) -> ClassGoals:
+    """The goals of a run before its first episode: `num_goals` classes, named to `agent`."""
+    method = config.method
+    momentum = method.prototype_momentum if method.prototype == "running" else 0.0
+    kind = WordGoals if method.embedding == "word" else PrototypeGoals
+    return kind(
+        agent,
+        GoalStore(num_goals, agent.extractor.observation_shape, method.goal_capacity, seed=config.seed),
+        Prototypes(num_goals, config.model.feature_dim, momentum=momentum, seed=config.seed),
+        method,
+        dtype,
+    )

@@ -1,0 +1,181 @@
+"""Terms: the named losses that methods are made of, each a function over what one forward pass gives.
+
+A term has its name in the log (``loss/policy``). `vhs.learning.methods` says which method has which,
+`Learner` sums them by their weights. A new one is an entry of `TERMS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from vhs import EpisodeBatch, discounted_returns
+from vhs.config import MethodSection, TrainSection
+from vhs.losses import (
+    ActorCriticTerms,
+    ImitationTerms,
+    actor_critic_loss,
+    goal_discrimination_loss,
+    hindsight_imitation_loss,
+    lambda_returns,
+    supcon_loss,
+)
+from vhs.models import DiscriminativeAgent, GoalAgent, to_device
+
+Over = Literal["lived", "relabelled", "images"]
+"""What a term is over: episodes as they were lived, relabelled ones, goal images."""
+
+_Found = TypeVar("_Found")
+
+
+class Episodes(NamedTuple):
+    """What the agent makes of B episodes of up to T steps, under one goal each, and what they did."""
+
+    rows: NDArray[np.int64]
+    """Which episodes of the batch, shape [B]."""
+    log_probs: Tensor
+    """log pi in nats, shape [B, T, actions]."""
+    values: Tensor
+    """V, shape [B, T]."""
+    actions: Tensor
+    """Taken, int64 [B, T]."""
+    valid: Tensor
+    """1 inside the episode, 0 after its end, shape [B, T]."""
+
+
+class Images(NamedTuple):
+    """Goal images of an update: f(o), shape [n, feature_dim], and classes, int64 [n]."""
+
+    features: Tensor
+    labels: Tensor
+
+
+@dataclass(frozen=True)
+class Forward:
+    """What one forward pass of an agent over its share of an update gives; what no term reads is None."""
+
+    agent: GoalAgent
+    batch: EpisodeBatch
+    lived: Episodes | None
+    """Every episode, under its instruction."""
+    relabelled: Episodes | None
+    """Some episodes again, under what they reached; None also where nothing was relabelled."""
+    images: Images | None
+    """None also until the store is warm."""
+    method: MethodSection
+    train: TrainSection
+    success_reward: float
+    """What the environment pays for the last step of a success, unscaled."""
+
+    @cached_property
+    def steps(self) -> Tensor:
+        """Steps of all episodes of the share, shape []."""
+        return self.tensor(self.batch.mask).float().sum()
+
+    @cached_property
+    def actor_critic(self) -> ActorCriticTerms:
+        """L_RL on the episodes as they were lived, term by term."""
+        lived = _there(self.lived)
+        returns = lambda_returns(
+            self.tensor(self.batch.rewards) * self.train.reward_scale,
+            lived.values,
+            lived.valid,
+            self.train.gamma,
+            self.train.return_lambda,
+        )
+        return actor_critic_loss(lived.log_probs, lived.actions, lived.values, returns, lived.valid)
+
+    @cached_property
+    def imitation(self) -> ImitationTerms:
+        """L_VHS on the relabelled episodes, term by term."""
+        relabelled = _there(self.relabelled)
+        targets = hindsight_values(
+            self.batch,
+            self.method.value_target,
+            success_reward=self.success_reward,
+            reward_scale=self.train.reward_scale,
+            gamma=self.train.gamma,
+        )
+        return hindsight_imitation_loss(
+            relabelled.log_probs,
+            relabelled.actions,
+            relabelled.values,
+            self.tensor(targets[relabelled.rows]),
+            relabelled.valid,
+            self.steps,
+            self.method.hindsight_discount,
+        )
+
+    def tensor(self, array: NDArray[np.generic]) -> Tensor:
+        """An array on the device of the agent."""
+        return to_device(array, self.agent.gate.weight.device)
+
+
+class Term(NamedTuple):
+    """A loss of a method."""
+
+    loss: Callable[[Forward], Tensor]
+    """Unweighted, as it is logged; shape []."""
+    over: Over
+    """The part of the pass that it reads, which is there when `loss` is called. Without relabelled episodes
+    the term is 0; without images there is none yet."""
+    weight: str | float = 1.0
+    """A number, or a key of the configuration, which moves to ``<key>_end`` over training if there is one."""
+    sign: Literal[1, -1] = 1
+    """-1 where more is better."""
+
+
+def hindsight_values(
+    batch: EpisodeBatch, target: str, *, success_reward: float, reward_scale: float, gamma: float
+) -> NDArray[np.float32]:
+    """The target v_i of the hindsight value.
+
+    Args:
+        batch: the episodes.
+        target: "behaviour" for the critic's value when acting (paper), "hindsight_return" for the discounted
+            return as if each episode had succeeded.
+        success_reward: of the last step of a success, unscaled.
+        reward_scale: factor on rewards.
+        gamma: discount a step.
+
+    Returns:
+        Shape [B, T].
+    """
+    if target == "behaviour":
+        return batch.values
+    rewards = batch.rewards.copy()
+    rewards[np.arange(len(rewards)), batch.lengths - 1] = success_reward
+    return discounted_returns(rewards * reward_scale, batch.lengths, gamma)
+
+
+def _supcon(x: Forward) -> Tensor:
+    images = _there(x.images)
+    return supcon_loss(images.features, images.labels, x.method.supcon_temperature)
+
+
+def _discriminator(x: Forward) -> Tensor:
+    images = _there(x.images)
+    assert isinstance(x.agent, DiscriminativeAgent)
+    return goal_discrimination_loss(x.agent.discriminate(images.features), images.labels)
+
+
+def _there(part: _Found | None) -> _Found:
+    assert part is not None, "a term reads another part than it says"
+    return part
+
+
+TERMS: dict[str, Term] = {
+    "policy": Term(lambda x: x.actor_critic.policy, "lived"),
+    "value": Term(lambda x: x.actor_critic.value, "lived", "train.value_weight"),
+    "entropy": Term(lambda x: x.actor_critic.entropy, "lived", "train.entropy_weight", sign=-1),
+    "imitation_policy": Term(lambda x: x.imitation.policy, "relabelled", "method.vhs_weight"),
+    "imitation_value": Term(lambda x: x.imitation.value, "relabelled", "method.vhs_weight"),
+    "supcon": Term(_supcon, "images", "method.supcon_weight"),
+    "discriminator": Term(_discriminator, "images", "method.discriminator_weight"),
+}

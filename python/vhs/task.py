@@ -1,0 +1,400 @@
+"""What a task is: an environment, how its observations are read, how its episodes are judged.
+
+A `Task` is what a user says of an environment; a `TaskSpec` is what follows from it for buffers and networks,
+read off the environment's spaces and one observation. Everything that trains, evaluates or shows goes through
+these two and knows no environment by name. numpy alone at import: gymnasium comes with the first space.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from vhs._core import ArgumentError
+
+if TYPE_CHECKING:
+    import gymnasium
+    from gymnasium import spaces
+
+__all__ = [
+    "GoalDict",
+    "GoalReader",
+    "Instruction",
+    "Judge",
+    "Outcome",
+    "Seen",
+    "Task",
+    "TaskSpec",
+    "default_outcome",
+    "last_actions",
+    "read_spec",
+    "reader_of",
+]
+
+
+class Outcome(IntEnum):
+    """How an episode ended, in the numbers of the Rust core."""
+
+    SUCCESS = 0
+    """The instructed goal was reached, by the instructed interaction where there is one."""
+    FAILURE = 1
+    """Another goal or another interaction ended the episode."""
+    TIMEOUT = 2
+    """The time ran out."""
+
+    @classmethod
+    def from_name(cls, name: str) -> Self:
+        """The outcome called "success", "failure" or "timeout".
+
+        Raises:
+            ArgumentError: For any other name.
+        """
+        for outcome in cls:
+            if outcome.name.lower() == name:
+                return outcome
+        names = ", ".join(f'"{outcome.name.lower()}"' for outcome in cls)
+        raise ArgumentError(f"`name`: expected one of {names}, got {name!r}")
+
+
+Judge = Callable[[float, bool, bool, dict[str, Any]], Outcome]
+"""(reward, terminated, truncated, info) of the last step -> outcome."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What an observation says, for the buffer."""
+
+    frame: NDArray[Any]
+    """What to store, of the buffer's `frame_shape`; a number is stored as [1]."""
+    label: int = 0
+    """Instructed goal class."""
+    interaction: int = 0
+    """Instructed interaction."""
+    desired_goal: NDArray[Any] | None = None
+    """The goal told, where goals are observations or vectors; one frame stands for a stack of it."""
+    achieved_goal: NDArray[Any] | None = None
+    """The goal reached, where goals are vectors."""
+
+
+GoalReader = Callable[[Any], Seen]
+"""Observation -> what it says."""
+
+
+@dataclass(frozen=True, slots=True)
+class GoalDict:
+    """Reads the dictionaries of goal-conditioned environments (gymnasium-robotics `GoalEnv`)."""
+
+    def __call__(self, observation: dict[str, Any]) -> Seen:
+        """The observation's three entries."""
+        return Seen(
+            frame=np.asarray(observation["observation"]),
+            desired_goal=np.asarray(observation["desired_goal"]),
+            achieved_goal=np.asarray(observation["achieved_goal"]),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Instruction:
+    """Reads an image and an instruction: each an entry's name, or a function of the observation."""
+
+    image: str | Callable[[Any], NDArray[Any]] = "image"
+    goal: str | Callable[[Any], int | NDArray[Any]] = "goal"
+    """Goal class, or a picture of the goal, of the image's shape."""
+    interaction: str | Callable[[Any], int] | None = None
+    """Interaction; None where the task has none."""
+
+    def __call__(self, observation: Any) -> Seen:
+        """The image, the goal and the interaction.
+
+        Raises:
+            ArgumentError: For a goal that is neither an integer nor of the image's shape.
+        """
+        interaction = 0 if self.interaction is None else int(_entry(observation, self.interaction))
+        image = np.asarray(_entry(observation, self.image))
+        goal = np.asarray(_entry(observation, self.goal))
+        if goal.ndim == 0 and goal.dtype.kind in "biu":
+            return Seen(image, int(goal), interaction)
+        if goal.shape == image.shape:
+            return Seen(image, interaction=interaction, desired_goal=goal)
+        raise ArgumentError(
+            f"`goal`: expected a class number or a picture of the image's shape {list(image.shape)}, "
+            f"got {goal.dtype} {list(goal.shape)}"
+        )
+
+
+def default_outcome(reward: float, terminated: bool, truncated: bool, info: dict[str, Any]) -> Outcome:
+    """What the environment says, in the first of these ways that it has.
+
+    `info["outcome"]`, a name; `info["is_success"]` or `info["success"]`, where not true a terminated episode
+    is a failure and another a timeout; terminated with a positive reward is a success, with another a
+    failure; the rest is a timeout.
+    """
+    if "outcome" in info:
+        return Outcome.from_name(info["outcome"])
+    for word in ("is_success", "success"):
+        if word in info:
+            return Outcome.SUCCESS if info[word] else Outcome.FAILURE if terminated else Outcome.TIMEOUT
+    if terminated:
+        return Outcome.SUCCESS if reward > 0 else Outcome.FAILURE
+    return Outcome.TIMEOUT
+
+
+def reader_of(space: spaces.Space[Any]) -> GoalReader:
+    """The reader that fits an observation space.
+
+    Raises:
+        ArgumentError: For a space that says nothing of goals.
+    """
+    entries = set(_entries(space))
+    if {"observation", "achieved_goal", "desired_goal"} <= entries:
+        return GoalDict()
+    if {"image", "goal"} <= entries:
+        return Instruction(interaction="interaction" if "interaction" in entries else None)
+    raise ArgumentError(
+        "`reader`: expected one for an observation space without achieved_goal and desired_goal, or image "
+        f"and goal, got None for {space}"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class TaskSpec:
+    """Sizes and types of a task: all that a buffer, a network or a learner needs to know of it."""
+
+    frame_shape: tuple[int, ...]
+    num_actions: int
+    """Numbered actions, from 0; 1, which nobody takes, where actions are continuous."""
+    max_episode_steps: int
+    frame_dtype: DTypeLike = np.uint8
+    action_dim: int = 0
+    """Numbers in a continuous action; 0 where actions are numbered."""
+    goals: Literal["labels", "observations", "vectors"] = "labels"
+    """What a goal is: a class, an observation or a vector."""
+    num_goals: int = 1
+    """Goal classes."""
+    goal_shape: tuple[int, ...] = ()
+    """Of a goal that is a vector."""
+    goal_dtype: DTypeLike = np.float32
+    interactions: Mapping[int, int] = field(default_factory=dict)
+    """Action -> the interaction that it does; the other actions are moves."""
+    success_reward: float | None = None
+    """What the environment pays for the last step of a success; None where nobody said."""
+
+    @property
+    def num_interactions(self) -> int:
+        """Interactions that can be instructed; 0 where an instruction names none."""
+        return max(self.interactions.values(), default=-1) + 1
+
+    @property
+    def first_interaction_action(self) -> int:
+        """The action that does interaction 0; without interactions, the number of actions.
+
+        Raises:
+            ArgumentError: For interactions that are not the last actions, in their order.
+        """
+        first = self.num_actions - self.num_interactions
+        if dict(self.interactions) != last_actions(self.num_actions, self.num_interactions):
+            raise ArgumentError(
+                f"`interactions`: expected the last of {self.num_actions} actions in the order of the "
+                f"interactions, got {dict(self.interactions)}"
+            )
+        return first
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """What a user says of an environment; everything but `name` and `make` may be left out."""
+
+    name: str
+    """In configurations, file names and tables."""
+    make: Callable[..., gymnasium.Env[Any, Any]]
+    """Makes one environment; takes what `gymnasium.make` takes beside the id, as `render_mode`."""
+    title: str = ""
+    """For people; the name where it is empty."""
+    read: GoalReader | None = None
+    """Observation -> `Seen`; None: by the observation space, `GoalDict` or `Instruction`."""
+    judge: Judge = default_outcome
+    """Says how an episode ended."""
+    max_steps: int | None = None
+    """Of the longest episode; None: that of the environment's registration."""
+    interactions: Mapping[int, int] = field(default_factory=dict)
+    """Action -> the interaction that it does; actions count from 0, whatever their space begins with."""
+    success_reward: float | None = None
+    """What the environment pays for the last step of a success, where the method asks for it."""
+    goals: tuple[str, ...] | None = None
+    """Names of the goal classes; None: numbers."""
+
+    # For people and evaluation alone; what is missing is left out of tables, charts and pictures.
+    actions: tuple[str, ...] = ()
+    """Names of the actions."""
+    keys: Mapping[str, int] = field(default_factory=dict)
+    """Key, as Tk calls it -> action, for a person who plays."""
+    reached: Callable[[Mapping[str, Any]], int] | None = None
+    """`info` of the last step -> the goal class that was reached, -1 for none."""
+    shortest: Callable[[gymnasium.Env[Any, Any]], int | None] | None = None
+    """Fewest steps to success from the start of an environment's episode; None where there is no way."""
+
+    def reader(self, env: gymnasium.Env[Any, Any]) -> GoalReader:
+        """`read`, or what fits the observation space.
+
+        Raises:
+            ArgumentError: For a space that says nothing of goals where `read` is None.
+        """
+        return self.read or reader_of(env.observation_space)
+
+    def spec(self) -> TaskSpec:
+        """Sizes and types of this task, read off an environment that is closed again.
+
+        Raises:
+            ArgumentError: As for `read_spec`; for names or interactions that do not fit the environment.
+        """
+        with closing(self.make()) as env:
+            return self._spec_of(env)
+
+    def _spec_of(self, env: gymnasium.Env[Any, Any]) -> TaskSpec:
+        # A reset may draw, and an OpenGL context opened before workers are forked is of no use to them: where
+        # the space alone says how to read an observation, a sample of it will do.
+        observation = env.observation_space.sample() if self.read is None else env.reset()[0]
+        spec = read_spec(
+            env,
+            observation,
+            reader=self.reader(env),
+            max_episode_steps=self.max_steps,
+            num_goals=None if self.goals is None else len(self.goals),
+            interactions=self.interactions,
+            success_reward=self.success_reward,
+        )
+        self._check_names(env, spec)
+        if len(spec.frame_shape) == 2:
+            # What embeds frames wants channels: a grey picture has one.
+            return replace(spec, frame_shape=(*spec.frame_shape, 1))
+        return spec
+
+    def _check_names(self, env: gymnasium.Env[Any, Any], spec: TaskSpec) -> None:
+        beyond = max(self.interactions, default=0)
+        if beyond >= spec.num_actions:
+            raise ArgumentError(f"`interactions`: expected actions below {spec.num_actions}, got {beyond}")
+        told = _classes(env.observation_space, "interaction")
+        if told is not None and told > max(1, spec.num_interactions):
+            raise ArgumentError(
+                f"`interactions`: expected which action does which of the {told} interactions that "
+                f"{self.name} instructs, got {dict(self.interactions)}"
+            )
+        if self.actions and len(self.actions) != spec.num_actions:
+            raise ArgumentError(
+                f"`actions`: expected {spec.num_actions} names, one an action of {self.name}, "
+                f"got {len(self.actions)}"
+            )
+        told = _classes(env.observation_space, "goal")
+        if self.goals is not None and told is not None and len(self.goals) != told:
+            raise ArgumentError(
+                f"`goals`: expected {told} names, one a goal class of {self.name}, got {len(self.goals)}"
+            )
+
+    def goal_name(self, label: int) -> str:
+        """A goal class for people."""
+        return f"goal {label}" if self.goals is None else self.goals[label].replace("_", " ")
+
+    def action_name(self, action: int) -> str:
+        """An action for people."""
+        return self.actions[action] if self.actions else f"action {action}"
+
+
+def last_actions(num_actions: int, num_interactions: int) -> dict[int, int]:
+    """The `interactions` of a task whose last actions interact, in their order."""
+    first = num_actions - num_interactions
+    return {first + interaction: interaction for interaction in range(num_interactions)}
+
+
+def read_spec(
+    env: gymnasium.Env[Any, Any],
+    observation: Any,
+    *,
+    reader: GoalReader | None = None,
+    max_episode_steps: int | None = None,
+    num_goals: int | None = None,
+    interactions: Mapping[int, int] | int = 0,
+    success_reward: float | None = None,
+) -> TaskSpec:
+    """Sizes and types, read off an environment's spaces and one observation.
+
+    Args:
+        env: Any environment that says what it wants.
+        observation: One of its observations.
+        reader: Turns an observation into a `Seen`; None: by the observation space.
+        max_episode_steps: Of the longest episode; None: that of the environment's registration.
+        num_goals: Goal classes, where an instruction names one; None: those of the space's "goal", else 1.
+        interactions: Action -> interaction, or how many of the last actions interact.
+        success_reward: For the spec.
+
+    Raises:
+        ArgumentError: For an environment without a limit of steps where none is given, or with actions that
+            are neither numbered nor real; for an observation that says nothing of goals.
+    """
+    seen = (reader or reader_of(env.observation_space))(observation)
+    limit = max_episode_steps or (env.spec.max_episode_steps if env.spec else None)
+    if limit is None:
+        raise ArgumentError("`max_episode_steps`: expected a number, got None from the environment")
+    frame = np.atleast_1d(seen.frame)
+    numbered, action_dim = _actions(env.action_space)
+    if isinstance(interactions, int):
+        interactions = last_actions(numbered, interactions)
+    if num_goals is None:
+        num_goals = _classes(env.observation_space, "goal") or 1
+    goals: dict[str, Any] = {}
+    if seen.achieved_goal is not None:
+        goal = np.atleast_1d(seen.achieved_goal)
+        goals = {"goals": "vectors", "goal_shape": goal.shape, "goal_dtype": _stored(goal.dtype)}
+    elif seen.desired_goal is not None:
+        goals = {"goals": "observations"}
+    return TaskSpec(
+        frame_shape=frame.shape,
+        num_actions=numbered,
+        max_episode_steps=limit,
+        frame_dtype=_stored(frame.dtype),
+        action_dim=action_dim,
+        num_goals=num_goals,
+        interactions=interactions,
+        success_reward=success_reward,
+        **goals,
+    )
+
+
+def _entries(space: spaces.Space[Any]) -> Mapping[str, spaces.Space[Any]]:
+    from gymnasium import spaces
+
+    return space.spaces if isinstance(space, spaces.Dict) else {}
+
+
+def _classes(space: spaces.Space[Any], entry: str) -> int | None:
+    """How many numbers, from 0, an entry of an observation can name; None where it names none."""
+    from gymnasium import spaces
+
+    found = _entries(space).get(entry)
+    return int(found.start + found.n) if isinstance(found, spaces.Discrete) else None
+
+
+def _actions(space: spaces.Space[Any]) -> tuple[int, int]:
+    """Numbered actions and numbers in a continuous action; the latter 0 where actions are numbered."""
+    from gymnasium import spaces
+
+    if isinstance(space, spaces.Discrete):
+        return int(space.n), 0
+    if isinstance(space, spaces.Box):
+        # A buffer of continuous actions still has one numbered action, which nobody takes.
+        return 1, int(np.prod(space.shape))
+    raise ArgumentError(f"`env`: expected Discrete or Box actions, got {space}")
+
+
+def _stored(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """The type in which a buffer keeps numbers of this one."""
+    return np.dtype(np.uint8) if dtype == np.bool_ else dtype
+
+
+def _entry(observation: Any, entry: str | Callable[[Any], Any]) -> Any:
+    return observation[entry] if isinstance(entry, str) else entry(observation)

@@ -1,0 +1,58 @@
+"""A policy to act with: what it reads of a run, and what it does without."""
+
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from vhs.acting.policy import load_agent
+from vhs.config import load_config
+from vhs.errors import CheckpointError
+from vhs.runs.checkpoint import load_checkpoint, save_checkpoint
+from vhs.train import train
+
+DEBUG = Path(__file__).parents[2] / "configs" / "debug.yaml"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    run = tmp_path_factory.mktemp("run") / "run"
+    train(load_config([DEBUG], ["train.episodes=8", "env.num_workers=0"]), run, StringIO())
+    return run
+
+
+def test_a_run_is_loaded_to_act_without_an_optimiser(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*args: object, **kwargs: object) -> None:
+        raise AssertionError("an optimiser was built")
+
+    monkeypatch.setattr(torch.optim, "Adam", refuse)
+    policy = load_agent(run)
+    saved = load_checkpoint(run)[0]["learner"]
+    assert policy.trained_episodes == 8
+    assert not policy.agent.training
+    for name, value in policy.agent.state_dict().items():
+        assert torch.equal(value, saved["agent"][name]), name
+    for name, value in policy.goals.state_dict().items():
+        assert torch.equal(value, saved["prototypes"][name]), name
+
+
+def test_of_a_checkpoint_agent_and_goals_alone_are_read(run: Path, tmp_path: Path) -> None:
+    state, store = load_checkpoint(run)
+    (tmp_path / "config.yaml").write_bytes((run / "config.yaml").read_bytes())
+    needed = {name: state["learner"][name] for name in ("agent", "prototypes")}
+    rest = {"progress": state["progress"]}
+    save_checkpoint(tmp_path, 8, {"learner": needed, **rest}, store, keep=1)
+    assert load_agent(tmp_path).trained_episodes == 8
+    save_checkpoint(tmp_path, 9, {"learner": {"agent": needed["agent"]}, **rest}, store, keep=1)
+    with pytest.raises(CheckpointError, match="of this version of vhs, found one without 'prototypes'"):
+        load_agent(tmp_path)
+
+
+def test_a_picture_is_asked_for_by_its_features(run: Path) -> None:
+    policy = load_agent(run)
+    pictures = np.random.default_rng(0).integers(0, 256, (2, 2, 84, 84, 3), dtype=np.uint8)
+    features = policy.embed(pictures)
+    assert (features.shape, features.dtype, features.requires_grad) == ((2, 32), torch.float32, False)
+    assert torch.equal(features, policy.agent.extractor(torch.from_numpy(pictures)))
