@@ -204,12 +204,15 @@ def _train(options: argparse.Namespace) -> int:
 def _eval(options: argparse.Namespace) -> int:
     from vhs.errors import OutputError
     from vhs.eval import evaluate, record_evaluation
+    from vhs.runs.directory import is_exported
 
     result = evaluate(
         options.run_directory, episodes=options.episodes, seed=options.seed, greedy=options.greedy
     ).as_dict()
     try:
-        record_evaluation(options.run_directory, result)
+        # An exported agent is what it was when it was shipped, its evaluations too.
+        if not is_exported(options.run_directory):
+            record_evaluation(options.run_directory, result)
     except OutputError as error:
         # The result comes to the screen, so a run on a read-only disk is no failure.
         options.warn(f"vhs: {error}; the evaluation is not recorded")

@@ -57,14 +57,20 @@ def _parse(line: bytes, before: int) -> Row:
         ValueError: what was expected, and what was found.
     """
     try:
-        row = json.loads(line)
+        row = json.loads(line, parse_constant=_no_number)
     except (ValueError, RecursionError):
         row = None
     if not isinstance(row, dict) or type(row.get("episodes")) is not int:
         raise ValueError(f"a JSON object with `episodes`, found {line[:40].decode(errors='replace')!r}")
     if row["episodes"] <= before:
         raise ValueError(f"more than {before} episodes, found {row['episodes']}")
+    if not all(value is None or isinstance(value, int | float) for value in row.values()):
+        raise ValueError("numbers and nothing else in a row, found something else")
     share = row.get("rate/success")
     if not isinstance(share, int | float) or not 0 <= share <= 1:
         raise ValueError(f"a share as `rate/success`, found {share!r}")
     return row
+
+
+def _no_number(text: str) -> NoReturn:
+    raise ValueError(f"a finite number, found {text}")
