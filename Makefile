@@ -6,7 +6,7 @@ RUST := $(shell find rust -name '*.rs' -not -path '*/target/*') $(shell find rus
 CONFIG ?= configs/task2.yaml
 ARGS ?=
 
-.PHONY: help train test lint format bench loom tsan ci clean
+.PHONY: help train test quick lint format bench cases loom tsan fuzz ci clean
 .DEFAULT_GOAL := help
 
 help:  ## show this list
@@ -15,9 +15,12 @@ help:  ## show this list
 train: $(VENV)/.train $(VENV)/.built  ## train a VHS agent on Task 2, or resume it (CONFIG=..., ARGS="--set ...")
 	$(BIN)/vhs train --config $(CONFIG) $(ARGS)
 
-test: lint  ## every check: lints, types, Rust tests, Python tests
+test: lint loom  ## every check: lints, types, Rust tests, every interleaving of the scheduler, Python tests
 	cargo test --workspace --exclude vhs-py
 	$(BIN)/python -m pytest $(ARGS)
+
+quick: $(VENV)/.dev $(VENV)/.built  ## the Python tests that take seconds, in about a minute
+	$(BIN)/python -m pytest -m "not slow" $(ARGS)
 
 lint: $(VENV)/.dev $(VENV)/.built  ## formatting, clippy, ruff, mypy, the stub against the module, docs
 	cargo fmt --all --check
@@ -35,6 +38,10 @@ format: $(VENV)/.dev  ## format the Rust and the Python code
 
 bench: $(VENV)/.dev $(VENV)/.built  ## run every benchmark; each asserts its own result first
 	set -e; for file in benchmarks/bench_*.py; do $(BIN)/python $$file; done
+
+CASES ?= ../shared/cases
+cases: $(VENV)/.dev $(VENV)/.built  ## run small programs that show faults, a line each (CASES=DIRECTORY)
+	$(BIN)/python tests/run_cases.py $(CASES)
 
 loom:  ## explore every interleaving of the scheduler's lock-free parts
 	RUSTFLAGS="--cfg loom" CARGO_TARGET_DIR=target/loom cargo test -p vhs-rollout --release --test loom

@@ -125,13 +125,14 @@ def goal_cases() -> list[Case]:
     ]
 
 
-def filled_buffer(frames: NDArray[np.uint8]) -> vhs.EpisodeBuffer:
+def filled_buffer(frames: NDArray[np.uint8], stacking: str = "frames") -> vhs.EpisodeBuffer:
     """A buffer that wraps: 5,000 steps in episodes of 20, on 16 streams at once."""
     buffer = vhs.EpisodeBuffer(
         FRAME,
         num_streams=STREAMS,
         max_episode_steps=STEPS,
         capacity_steps=5000,
+        stacking=stacking,
         num_goals=CLASSES,
         num_interactions=1,
     )
@@ -209,6 +210,30 @@ def episode_cases() -> list[Case]:
         Case("EpisodeBuffer.observe 16, out", lambda: acting.observe(out=seen), acted, seen.nbytes / 1e6),
         Case("EpisodeBuffer.gather 16 x 20, out", lambda: gather(out), read, batch_size),
         Case("EpisodeBuffer.gather 16 x 20, fresh", gather, read, batch_size),
+    ]
+
+
+def channel_cases() -> list[Case]:
+    """As for episodes, frames stacked as the channels of one picture."""
+    frames = random_images(STEPS + 1, STREAMS, *FRAME)
+    buffer = filled_buffer(frames, "channels")
+    ids = play_episodes(buffer, frames)
+    out = np.ones((STREAMS * (STEPS + 1), *buffer.observation_shape), np.uint8)
+    batch = buffer.gather(ids, out=out)
+    rows = batch.observations[: STEPS + 1].reshape(STEPS + 1, *FRAME[:2], 2, FRAME[2])
+    np.testing.assert_array_equal(rows[..., 1, :], frames[:, 0])
+    np.testing.assert_array_equal(rows[1:, ..., 0, :], frames[:-1, 0])
+    for stream in range(STREAMS):
+        buffer.begin(stream, frames[0, stream])
+    seen = np.ones((STREAMS, *buffer.observation_shape), np.uint8)
+    stored = random_images(5200, *FRAME).reshape(-1, *buffer.observation_shape)
+    read, acted = copy_from(stored, out), copy_from(stored[:16], seen)
+    newest = buffer.ids[-16:]
+    return [
+        Case("observe 16, as channels, out", lambda: buffer.observe(out=seen), acted, seen.nbytes / 1e6),
+        Case(
+            "gather 16 x 20, as channels, out", lambda: buffer.gather(newest, out=out), read, out.nbytes / 1e6
+        ),
     ]
 
 
@@ -443,7 +468,7 @@ def main() -> None:
     arguments = parser.parse_args()
     repeats = 3 if arguments.quick else 60
     print(f"load average {os.getloadavg()[0]:.1f} of {os.cpu_count()} cores; commit {commit()}")
-    cases = [*transition_cases(), *goal_cases(), *episode_cases(), *small_cases()]
+    cases = [*transition_cases(), *goal_cases(), *episode_cases(), *channel_cases(), *small_cases()]
     if arguments.sizes:
         cases += size_cases()
     if arguments.rivals:

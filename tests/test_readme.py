@@ -21,6 +21,7 @@ def test_python_blocks_run(code: str) -> None:
     subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, timeout=60)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", ["library.md", "rollout.md"])
 def test_python_blocks_of_a_page_run_one_after_the_other(page: str) -> None:
     code = "\n".join(blocks("python", (ROOT / "docs" / page).read_text(encoding="utf-8")))

@@ -32,7 +32,6 @@ from vhs._core import (
     WindowBatch,
     discounted_returns,
     relabel,
-    stack_channels,
 )
 from vhs._core import __version__ as __version__
 from vhs.raster import RasterRenderer
@@ -76,7 +75,6 @@ __all__ = [
     "WindowBatch",
     "discounted_returns",
     "relabel",
-    "stack_channels",
 ]
 
 

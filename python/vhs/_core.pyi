@@ -19,7 +19,7 @@ Conventions of every function here:
   elsewhere.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from typing import Any, Literal, TypedDict, final
 
@@ -55,7 +55,6 @@ __all__ = [
     "WindowBatch",
     "discounted_returns",
     "relabel",
-    "stack_channels",
 ]
 
 __version__: str
@@ -112,6 +111,7 @@ class GoalStore:
 
         Args:
             buffer: Holds the episodes; its `observation_shape` must be that of the store, its `dtype` uint8.
+                A buffer that stacks frames as "channels" fills a store of pictures.
             ids: int64 [B], of finished episodes; one that comes twice is stored twice.
 
         Returns:
@@ -174,7 +174,9 @@ class GoalStore:
         """
 
     @staticmethod
-    def load(path: str | PathLike[str], *, mmap: bool = False) -> GoalStore:
+    def load(
+        path: str | PathLike[str], *, mmap: bool = False, stacking: Literal["frames", "channels"] = "frames"
+    ) -> GoalStore:
         """Read a store that `save` wrote; it goes on with the same batches and overwrites in the same order.
 
         Args:
@@ -182,10 +184,13 @@ class GoalStore:
             mmap: True: at once; an image is read from the file when it is first drawn. Images are then not
                 checked (`verify` does that) and the file must not be edited in place or cut short meanwhile;
                 `save` never does. Images pushed later go to memory, never to the file.
+            stacking: "channels": images saved as stacks of frames, [S, H, W, C], become pictures,
+                [H, W, S * C], for a buffer that stacks so; others stay as they are.
 
         Raises:
             OSError: The fitting subclass, such as FileNotFoundError.
             DamagedFileError: For a file of another kind or version, cut short or altered.
+            ArgumentError: For an unknown stacking.
         """
 
     @staticmethod
@@ -330,10 +335,11 @@ class EpisodeBuffer:
         max_episode_steps: int,
         capacity_steps: int,
         frame_stack: int = 2,
+        stacking: Literal["frames", "channels"] = "frames",
         num_goals: int = 1,
-        num_interactions: int = 0,
-        first_interaction_action: int = 3,
         num_actions: int | None = None,
+        interactions: Mapping[int, int] | None = None,
+        num_interactions: int | None = None,
         dtype: DTypeLike = "uint8",
         goals: Literal["labels", "observations", "vectors"] = "labels",
         goal_shape: Sequence[int] | None = None,
@@ -350,12 +356,15 @@ class EpisodeBuffer:
             max_episode_steps: Steps of the longest episode, at least 1.
             capacity_steps: Steps kept over all episodes, at least `num_streams * max_episode_steps`.
             frame_stack: Frames in one observation, at least 1.
+            stacking: How they lie in it. "frames": [frame_stack, *frame_shape], oldest first. "channels":
+                frames [H, W, C] make one picture [H, W, frame_stack * C], of each pixel the oldest frame's
+                channels first, as networks for pictures with the channels last want it.
             num_goals: Goal classes, at least 1.
-            num_interactions: Interactions; with 0, every episode has interaction 0.
-            first_interaction_action: The action that does interaction 0. Actions are in
-                0..first_interaction_action + num_interactions; those below it are moves.
-            num_actions: Actions in all, instead of `first_interaction_action`: the last `num_interactions` of
-                them are the interactions.
+            num_actions: Actions in all; None: any number from 0 on is one.
+            interactions: The interaction that each action does, such as {3: 0, 4: 1}; the others are moves.
+                What a relabelled episode did follows from it: needed where there are several interactions.
+            num_interactions: Interactions; None: as many as `interactions` names. With 0 or 1, every episode
+                has interaction 0, whatever its actions.
             dtype: Of frames: uint8, int8, int32, int64, float32 or float64.
             goals: What a goal is; see above.
             goal_shape: Of a goal, where goals are vectors.
@@ -366,7 +375,8 @@ class EpisodeBuffer:
             seed: Of the generator behind sampling, in 0..2**64.
 
         Raises:
-            ArgumentError: For a number out of range, or sizes whose product no memory can hold.
+            ArgumentError: For a number out of range, sizes whose product no memory can hold, or several
+                interactions and no word of which action does which.
             DtypeError: For a type that is not one of those above.
             OSError: When the scratch file cannot be made.
         """
@@ -477,10 +487,10 @@ class EpisodeBuffer:
 
         Args:
             streams: int64 [n]; None: all.
-            out: uint8 [n, frame_stack, *frame_shape], written and returned.
+            out: [n, *observation_shape], of the buffer's dtype, written and returned.
 
         Returns:
-            uint8 [n, frame_stack, *frame_shape].
+            [n, *observation_shape], of the buffer's dtype.
 
         Raises:
             ProtocolError: When a stream has no open episode.
@@ -496,7 +506,7 @@ class EpisodeBuffer:
         Args:
             ids: int64 [B], at least one; an id may come more than once.
             padded: True: observations are [B, T + 1, ...], zeros after an episode's end, instead of packed.
-            out: [at least N, frame_stack, *frame_shape]; the batch's observations become a view of its
+            out: [at least N, *observation_shape]; the batch's observations become a view of its
                 first N rows (N is B * (T + 1) where padded).
 
         Raises:
@@ -598,7 +608,7 @@ class EpisodeBuffer:
             on: As for `sample_transitions`.
             reward: As for `sample_transitions`; a function is called once, with [n, burn_in + length, *goal]
                 of what each step reached and of its window's goal, the latter read-only.
-            out: [n, burn_in + length + 1, frame_stack, *frame_shape], for the observations.
+            out: [n, burn_in + length + 1, *observation_shape], for the observations.
 
         Raises:
             EmptyError, ArgumentError, NonFiniteError, ShapeError, DtypeError, LayoutError: As for
@@ -672,7 +682,11 @@ class EpisodeBuffer:
 
     @property
     def observation_shape(self) -> tuple[int, ...]:
-        """Shape of one observation: (frame_stack, *frame_shape)."""
+        """Shape of one observation, as `stacking` says: (frame_stack, *frame_shape), or of one picture."""
+
+    @property
+    def stacking(self) -> Literal["frames", "channels"]:
+        """How the frames of an observation lie in it."""
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -719,12 +733,12 @@ class EpisodeBuffer:
         """Interactions."""
 
     @property
-    def first_interaction_action(self) -> int:
-        """The action that does interaction 0."""
+    def interactions(self) -> dict[int, int]:
+        """The interaction that each action does; an action that is not among them is a move."""
 
     @property
-    def num_actions(self) -> int:
-        """Actions in all, interactions included."""
+    def num_actions(self) -> int | None:
+        """Actions in all, interactions included; None where any number is one."""
 
     def __len__(self) -> int:
         """Finished episodes stored."""
@@ -741,7 +755,7 @@ class EpisodeBatch:
 
     @property
     def observations(self) -> NDArray[Any]:
-        """Stacked frames, [N, frame_stack, *frame_shape], or [B, T + 1, ...] where padded."""
+        """Stacked frames, [N, *observation_shape], or [B, T + 1, ...] where padded."""
 
     @property
     def desired_goals(self) -> NDArray[Any] | None:
@@ -808,7 +822,7 @@ class TransitionBatch:
 
     @property
     def observations(self) -> NDArray[Any]:
-        """Stacked frames before the step, [n, frame_stack, *frame_shape]."""
+        """Stacked frames before the step, [n, *observation_shape]."""
 
     @property
     def next_observations(self) -> NDArray[Any]:
@@ -881,7 +895,7 @@ class WindowBatch:
 
     @property
     def observations(self) -> NDArray[Any]:
-        """Stacked frames, [n, W + 1, frame_stack, *frame_shape]."""
+        """Stacked frames, [n, W + 1, *observation_shape]."""
 
     @property
     def goals(self) -> NDArray[Any] | None:
@@ -1076,22 +1090,6 @@ def discounted_returns(
     Raises:
         ShapeError, DtypeError, LabelError, ArgumentError: For an argument that does not fit.
         NonFiniteError: For NaN or infinity inside an episode.
-    """
-
-def stack_channels(
-    observations: NDArray[np.uint8], *, out: NDArray[np.uint8] | None = None
-) -> NDArray[np.uint8]:
-    """Stacked frames as the channels of one picture: the layout in which convolutions read them.
-
-    Args:
-        observations: uint8 [N, stack, height, width, colours], as `EpisodeBuffer.observe` and `gather` give.
-        out: uint8 [N, height, width, stack * colours], written and returned.
-
-    Returns:
-        uint8 [N, height, width, stack * colours]: of each pixel the oldest frame's colours first.
-
-    Raises:
-        ShapeError, DtypeError, LayoutError: For an array that does not fit.
     """
 
 @final

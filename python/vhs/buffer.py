@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from os import PathLike
-from typing import Any
+from typing import Any, Literal
 
 from vhs._core import EpisodeBuffer
 from vhs.task import TaskSpec
@@ -17,6 +17,7 @@ def make_buffer(
     capacity_steps: int,
     num_streams: int = 1,
     frame_stack: int = 1,
+    stacking: Literal["frames", "channels"] = "frames",
     backing: str | PathLike[str] = "memory",
     seed: int = 0,
 ) -> EpisodeBuffer:
@@ -27,11 +28,13 @@ def make_buffer(
         capacity_steps: Steps kept over all episodes.
         num_streams: Environments that will feed the buffer.
         frame_stack: Frames in one observation.
+        stacking: How they lie in it, as for `EpisodeBuffer`.
         backing: As for `EpisodeBuffer`.
         seed: Of the buffer's generator.
 
     Raises:
-        ArgumentError: For interactions that the buffer cannot tell apart, or sizes that it cannot hold.
+        ArgumentError: For several interactions and no word of which action does which, or for sizes that
+            the buffer cannot hold.
     """
     vectors: dict[str, Any] = {"goal_shape": spec.goal_shape, "goal_dtype": spec.goal_dtype}
     return EpisodeBuffer(
@@ -40,9 +43,11 @@ def make_buffer(
         max_episode_steps=spec.max_episode_steps,
         capacity_steps=capacity_steps,
         frame_stack=frame_stack,
+        stacking=stacking,
         num_goals=spec.num_goals,
         num_interactions=spec.num_interactions,
-        first_interaction_action=spec.first_interaction_action,
+        num_actions=None if spec.action_dim else spec.num_actions,
+        interactions=spec.interactions,
         dtype=spec.frame_dtype,
         action_dim=spec.action_dim,
         goals=spec.goals,

@@ -10,7 +10,7 @@ always has it. It needs gymnasium; `import vhs` alone does not import it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from os import PathLike
 from typing import Any, Literal, SupportsFloat
 
@@ -149,6 +149,8 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             return None
         goal = _converted(goal, self.buffer.goal_dtype)
         if self.buffer.goals == "observations" and goal.shape == self.buffer.frame_shape:
+            if self.buffer.stacking == "channels":
+                return np.concatenate([goal] * self.buffer.frame_stack, axis=-1)
             return np.broadcast_to(goal, self.buffer.goal_shape)
         return goal
 
@@ -163,6 +165,7 @@ def make_buffer(
     frame_stack: int = 1,
     num_goals: int | None = None,
     num_interactions: int = 0,
+    interactions: Mapping[int, int] | None = None,
     backing: str | PathLike[str] = "memory",
     seed: int = 0,
 ) -> EpisodeBuffer:
@@ -176,22 +179,26 @@ def make_buffer(
         num_streams: Environments that will feed the buffer.
         frame_stack: Frames in one observation.
         num_goals: Goal classes, where an instruction names one; None: those of the space's "goal", else 1.
-        num_interactions: Interactions, where an instruction names one: the environment's last actions.
+        num_interactions: Interactions, where an instruction names one; `interactions` may name more.
+        interactions: The interaction that each of the environment's actions does, as for `EpisodeBuffer`:
+            needed where there are several.
         backing: As for `EpisodeBuffer`.
         seed: Of the buffer's generator.
 
     Raises:
-        ArgumentError: For an environment without a limit of steps where none is given, or with actions that
-            are neither numbered nor real.
+        ArgumentError: For an environment without a limit of steps where none is given, with actions that are
+            neither numbered nor real, or with several interactions and no word of which action does which.
     """
     observation, _ = env.reset()
+    start = int(getattr(env.action_space, "start", 0))
     spec = read_spec(
         env,
         observation,
         reader=reader,
         max_episode_steps=max_episode_steps,
         num_goals=num_goals,
-        interactions=num_interactions,
+        interactions={action - start: done for action, done in (interactions or {}).items()},
+        num_interactions=num_interactions,
     )
     return buffer_of(
         spec,

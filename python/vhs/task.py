@@ -182,28 +182,10 @@ class TaskSpec:
     goal_dtype: DTypeLike = np.float32
     interactions: Mapping[int, int] = field(default_factory=dict)
     """Action -> the interaction that it does; the other actions are moves."""
+    num_interactions: int = 0
+    """Interactions that can be instructed; 0 where an instruction names none."""
     success_reward: float | None = None
     """What the environment pays for the last step of a success; None where nobody said."""
-
-    @property
-    def num_interactions(self) -> int:
-        """Interactions that can be instructed; 0 where an instruction names none."""
-        return max(self.interactions.values(), default=-1) + 1
-
-    @property
-    def first_interaction_action(self) -> int:
-        """The action that does interaction 0; without interactions, the number of actions.
-
-        Raises:
-            ArgumentError: For interactions that are not the last actions, in their order.
-        """
-        first = self.num_actions - self.num_interactions
-        if dict(self.interactions) != last_actions(self.num_actions, self.num_interactions):
-            raise ArgumentError(
-                f"`interactions`: expected the last of {self.num_actions} actions in the order of the "
-                f"interactions, got {dict(self.interactions)}"
-            )
-        return first
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -318,7 +300,8 @@ def read_spec(
     reader: GoalReader | None = None,
     max_episode_steps: int | None = None,
     num_goals: int | None = None,
-    interactions: Mapping[int, int] | int = 0,
+    interactions: Mapping[int, int] | None = None,
+    num_interactions: int = 0,
     success_reward: float | None = None,
 ) -> TaskSpec:
     """Sizes and types, read off an environment's spaces and one observation.
@@ -329,7 +312,8 @@ def read_spec(
         reader: Turns an observation into a `Seen`; None: by the observation space.
         max_episode_steps: Of the longest episode; None: that of the environment's registration.
         num_goals: Goal classes, where an instruction names one; None: those of the space's "goal", else 1.
-        interactions: Action -> interaction, or how many of the last actions interact.
+        interactions: Action, counted from 0, -> the interaction that it does.
+        num_interactions: That can be instructed, where `interactions` names fewer.
         success_reward: For the spec.
 
     Raises:
@@ -342,8 +326,7 @@ def read_spec(
         raise ArgumentError("`max_episode_steps`: expected a number, got None from the environment")
     frame = np.atleast_1d(seen.frame)
     numbered, action_dim = _actions(env.action_space)
-    if isinstance(interactions, int):
-        interactions = last_actions(numbered, interactions)
+    interactions = dict(interactions or {})
     if num_goals is None:
         num_goals = _classes(env.observation_space, "goal") or 1
     goals: dict[str, Any] = {}
@@ -360,6 +343,7 @@ def read_spec(
         action_dim=action_dim,
         num_goals=num_goals,
         interactions=interactions,
+        num_interactions=max([num_interactions, *(done + 1 for done in interactions.values())]),
         success_reward=success_reward,
         **goals,
     )

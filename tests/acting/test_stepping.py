@@ -26,6 +26,7 @@ def stepped(workers: int, count: int) -> Stepping:
     return make_stepping(config, task, task.spec(), count)
 
 
+@pytest.mark.slow
 def test_lock_step_gives_the_same_weights_for_any_number_of_workers(tmp_path: Path) -> None:
     weights = []
     for workers in (0, 1, 2):

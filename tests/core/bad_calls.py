@@ -4,161 +4,42 @@ from __future__ import annotations
 
 import copy
 import pickle
-from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 import vhs
-from vhs._core import RasterCanvas, RasterScene
 
+from .bad_world import (
+    FRAME,
+    HUGE,
+    IMAGES,
+    INF,
+    NAN,
+    Call,
+    append,
+    append_batch,
+    begin,
+    new_buffer,
+    new_canvas,
+    new_prototypes,
+    new_store,
+    posed_canvas,
+    push,
+    raster_canvas,
+    raster_geom,
+    raster_mesh,
+    raster_texture,
+    read_only,
+    relabel,
+    restore,
+    returns,
+    sample,
+    sizes,
+    update,
+)
 from .naive import FRAME_SHAPE
 from .test_episodes import make_buffer
 
-FRAME = np.zeros(FRAME_SHAPE, np.uint8)
-HUGE = 2**62
-
-
-@dataclass
-class World:
-    """One of each, in use: stream 0 open with a step, 1 open without, 2 full, episode 0 evicted."""
-
-    store: vhs.GoalStore
-    prototypes: vhs.Prototypes
-    buffer: vhs.EpisodeBuffer
-    batch: vhs.EpisodeBatch
-    folder: Path
-
-    def snapshot(self) -> list[bytes]:
-        """All state that a call could change, generators included."""
-        self.store.save(self.folder / "snapshot.goals")
-        arrays = [
-            *self.prototypes.state_dict().values(),
-            self.buffer.rng_state,
-            self.buffer.observe(self.buffer.open.nonzero()[0]),
-            self.buffer.ids,
-            self.buffer.open,
-            self.buffer.gather(self.buffer.ids).observations,
-            np.array(self.buffer.num_steps),
-        ]
-        return [(self.folder / "snapshot.goals").read_bytes(), *(array.tobytes() for array in arrays)]
-
-
-Call = Callable[[World], object]
-
-
-def read_only(shape: tuple[int, ...]) -> np.ndarray:
-    array = np.zeros(shape, np.uint8)
-    array.flags.writeable = False
-    return array
-
-
-def sizes(**changes: object) -> Call:
-    """A buffer built with some of its settings changed."""
-    return lambda _: make_buffer(**changes)
-
-
-def new_buffer(**arguments: object) -> vhs.EpisodeBuffer:
-    """A buffer of tiny frames with these arguments besides."""
-    return vhs.EpisodeBuffer((1,), num_streams=1, max_episode_steps=2, capacity_steps=2, **arguments)
-
-
-def new_store(*arguments: object) -> Call:
-    return lambda _: vhs.GoalStore(*arguments)
-
-
-def new_prototypes(*arguments: object) -> Call:
-    return lambda _: vhs.Prototypes(*arguments)
-
-
-def push(observation: object, label: object) -> Call:
-    return lambda world: world.store.push(observation, label)
-
-
-def append(*arguments: object) -> Call:
-    return lambda world: world.buffer.append(*arguments)
-
-
-def append_batch(*arguments: object) -> Call:
-    return lambda world: world.buffer.append_batch(*arguments)
-
-
-def begin(*arguments: object) -> Call:
-    return lambda world: world.buffer.begin(*arguments)
-
-
-def relabel(**arguments: object) -> Call:
-    return lambda world: vhs.relabel(world.batch, **({"rng": 0} | arguments))
-
-
-def returns(*arguments: object, **out: object) -> Call:
-    return lambda _: vhs.discounted_returns(*arguments, **out)
-
-
-def update(features: object, labels: object) -> Call:
-    return lambda world: world.prototypes.update(features, labels)
-
-
-def sample(*arguments: object, **out: object) -> Call:
-    return lambda world: world.store.sample(*arguments, **out)
-
-
-def restore(**changes: object) -> Call:
-    return lambda world: world.prototypes.load_state_dict(world.prototypes.state_dict() | changes)
-
-
-def new_scene() -> RasterScene:
-    """A scene with one ball."""
-    scene = RasterScene(8, 4, 1, 10.0)
-    add_geom(scene, 2)
-    return scene
-
-
-def add_geom(scene: RasterScene, kind: int) -> None:
-    scene.add_geom(
-        kind=kind, size=[0.5] * 3, mesh=-1, rgba=[1.0] * 4, gloss=[0.0] * 3, is_mirror=False, texture=-1,
-        repeat=[1.0] * 2, is_uniform=False, tag=[0, 5],
-    )  # fmt: skip
-
-
-def new_canvas(height: int = 5) -> RasterCanvas:
-    return RasterCanvas(new_scene(), 1, [], height, 5, 0)
-
-
-def posed_canvas(x: float) -> RasterCanvas:
-    """A canvas that is bound to a simulation of one ball at `x` and one camera."""
-    at, turned, none = np.array([[x, 0.0, 0.0]]), np.eye(3).reshape(1, 9), np.zeros((0, 3))
-    canvas = new_canvas()
-    canvas.bind(at, turned, none, np.zeros((0, 9)), none, none, np.zeros((1, 3)), turned)
-    return canvas
-
-
-def raster_geom(kind: int) -> Call:
-    return lambda _: add_geom(new_scene(), kind)
-
-
-def raster_texture(data: np.ndarray) -> Call:
-    return lambda _: new_scene().add_texture(False, data)
-
-
-def raster_mesh(**changes: np.ndarray) -> Call:
-    floats, ints = np.zeros((3, 3), np.float32), np.zeros((1, 3), np.int32)
-    mesh = {
-        "vertices": floats, "normals": floats, "uv": np.zeros((0, 2), np.float32), "faces": ints,
-        "face_normals": ints, "face_uv": np.zeros((0, 3), np.int32),
-    }  # fmt: skip
-    return lambda _: new_scene().add_mesh(**(mesh | changes))
-
-
-def raster_canvas(**changes: int) -> Call:
-    return lambda _: new_canvas(**changes)
-
-
-NAN, INF = float("nan"), float("inf")
-IMAGES = np.zeros((4, *FRAME_SHAPE), np.uint8)
-
-# (class, part of the message, call). One row a way to go wrong.
 BAD_CALLS: list[tuple[type[Exception], str, Call]] = [
     # Sizes
     (vhs.ArgumentError, "`num_classes`: expected a number in 1..=1048576, got 0", new_store(0, (2,), 3)),
@@ -200,13 +81,43 @@ BAD_CALLS: list[tuple[type[Exception], str, Call]] = [
     ),
     (
         vhs.ArgumentError,
-        "`num_actions`: expected at least num_interactions = 3, got 2",
-        lambda _: new_buffer(num_actions=2, num_interactions=3),
+        "`interactions`: expected which action does which of num_interactions = 3, got none",
+        lambda _: new_buffer(num_actions=6, num_interactions=3),
     ),
     (
         vhs.ArgumentError,
-        "`num_actions`: expected either it or first_interaction_action, got both",
-        lambda _: new_buffer(num_actions=4, first_interaction_action=3),
+        "`interactions`: expected actions in 0..4 that do interactions in 0..2, got action 4, interaction 1",
+        lambda _: new_buffer(num_actions=4, interactions={3: 0, 4: 1}),
+    ),
+    (
+        vhs.ArgumentError,
+        "`interactions`: expected actions in 0..1048576 that do interactions in 0..1",
+        lambda _: new_buffer(num_interactions=1, interactions={3: 1}),
+    ),
+    (
+        vhs.ArgumentError,
+        "`interactions`: expected actions in 0..1048576 that do interactions in 0..0",
+        lambda _: new_buffer(interactions={3: -1}),
+    ),
+    (
+        vhs.ArgumentError,
+        "`interactions`: expected none where actions are continuous, got some",
+        lambda _: new_buffer(action_dim=2, interactions={3: 0}),
+    ),
+    (
+        vhs.DtypeError,
+        "`interactions`: expected a mapping of actions to interactions, such as {3: 0}, got list",
+        lambda _: new_buffer(interactions=[3]),
+    ),
+    (
+        vhs.DtypeError,
+        "`interactions`: expected an integer, got str",
+        lambda _: new_buffer(interactions={"3": 0}),
+    ),
+    (
+        vhs.ArgumentError,
+        '`stacking`: expected "frames", "channels", got "rows"',
+        lambda _: new_buffer(stacking="rows"),
     ),
     # How to relabel, where nothing says that anything is
     (
@@ -250,8 +161,8 @@ BAD_CALLS: list[tuple[type[Exception], str, Call]] = [
     (vhs.ArgumentError, "`num_interactions`: expected a number in 0..=", sizes(num_interactions=HUGE)),
     (
         vhs.ArgumentError,
-        "`actions`: expected a number in 1..=",
-        sizes(num_interactions=0, first_interaction_action=0),
+        "`num_actions`: expected a number in 1..=",
+        sizes(num_actions=0),
     ),
     # Goals
     (vhs.ShapeError, "`observation`: expected shape [2, 3], got [3, 2]", push(np.zeros((3, 2), np.uint8), 0)),

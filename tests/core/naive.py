@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 FRAME_SHAPE = (2, 3)
 STACK = 2
-FIRST_INTERACTION_ACTION = 3
+INTERACTIONS = {3: 0, 4: 1, 5: 2}
 
 
 class FrameSource:

@@ -44,7 +44,10 @@ def test_all_names_what_is_exported() -> None:
 def test_everything_compiled_is_exported() -> None:
     """All but the parts that the renderer and the pool are made of."""
     inner = {"RasterCanvas", "RasterScene", "RolloutLearner", "RolloutWorker"}
-    assert set(_core.__all__) - inner == set(vhs.__all__) - {"Outcome", "RasterRenderer"} - LAZY
+    assert (
+        set(_core.__all__) - inner
+        == set(vhs.__all__) - {"Outcome", "RasterRenderer", "Seen", "Task", "TaskSpec"} - LAZY
+    )
 
 
 def test_importing_vhs_imports_numpy_alone() -> None:
@@ -96,12 +99,8 @@ def test_help_says_what_the_stub_says() -> None:
 def test_a_buffer_without_a_critic_takes_no_values() -> None:
     frame = np.zeros(1, np.uint8)
     buffer = vhs.EpisodeBuffer((1,), num_streams=1, max_episode_steps=2, capacity_steps=2, num_actions=4)
-    assert (buffer.num_actions, buffer.first_interaction_action) == (4, 4)
+    assert (buffer.num_actions, buffer.interactions) == (4, {})
     buffer.begin(0, frame)
     buffer.append(0, 3, 1.0, None, frame)
     buffer.append_batch([0], [3], [1.0], None, [frame])
     assert buffer.gather([buffer.finish(0, "success")]).values.tolist() == [[0.0, 0.0]]
-    moves = vhs.EpisodeBuffer(
-        (1,), num_streams=1, max_episode_steps=2, capacity_steps=2, num_actions=4, num_interactions=1
-    )
-    assert moves.first_interaction_action == 3

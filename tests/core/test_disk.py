@@ -59,7 +59,12 @@ def test_a_loaded_buffer_goes_on_alike(
 def test_every_number_of_an_episode_is_saved(tmp_path: Path, loading: dict[str, bool]) -> None:
     rng = np.random.default_rng(0)
     buffer = vhs.EpisodeBuffer(
-        (5,), num_streams=1, max_episode_steps=6, capacity_steps=60, num_goals=4, num_interactions=3
+        (5,),
+        num_streams=1,
+        max_episode_steps=6,
+        capacity_steps=60,
+        num_goals=4,
+        interactions={3: 0, 4: 1, 5: 2},
     )
     for number in range(9):
         buffer.begin(0, rng.integers(0, 256, 5, dtype=np.uint8), number % 4, number % 3)

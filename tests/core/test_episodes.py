@@ -10,7 +10,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 import vhs
 
-from .naive import FIRST_INTERACTION_ACTION, FRAME_SHAPE, STACK, Buffer, Episode, FrameSource
+from .naive import FRAME_SHAPE, INTERACTIONS, STACK, Buffer, Episode, FrameSource
 
 STREAMS, MAX_STEPS, CAPACITY = 3, 4, 14
 streams = st.integers(0, STREAMS - 1)
@@ -25,7 +25,8 @@ def make_buffer(**changes: int) -> vhs.EpisodeBuffer:
         "frame_stack": STACK,
         "num_goals": 5,
         "num_interactions": 3,
-        "first_interaction_action": FIRST_INTERACTION_ACTION,
+        "num_actions": 6,
+        "interactions": INTERACTIONS,
         "seed": 1,
     }
     return vhs.EpisodeBuffer(FRAME_SHAPE, **(settings | changes))
@@ -215,7 +216,7 @@ def test_properties_say_what_the_buffer_was_built_from() -> None:
     assert buffer.observation_shape == (STACK, *FRAME_SHAPE)
     assert (buffer.num_streams, buffer.max_episode_steps, buffer.capacity_steps) == (3, 4, 14)
     assert (buffer.frame_stack, buffer.num_goals, buffer.num_interactions) == (2, 5, 3)
-    assert buffer.first_interaction_action == 3
+    assert (buffer.num_actions, buffer.interactions) == (6, {3: 0, 4: 1, 5: 2})
     assert repr(buffer) == "EpisodeBuffer(0 episodes, 0 of 14 steps)"
 
 

@@ -10,7 +10,8 @@ import pytest
 
 import vhs
 
-from .bad_calls import BAD_CALLS, FRAME, Call, World
+from .bad_calls import BAD_CALLS
+from .bad_world import FRAME, Call, World
 from .naive import FRAME_SHAPE, FrameSource
 from .test_episodes import add_episode, make_buffer
 

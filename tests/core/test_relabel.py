@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import vhs
 
-from .naive import FIRST_INTERACTION_ACTION, FrameSource
+from .naive import INTERACTIONS, FrameSource
 from .test_episodes import add_episode, make_buffer
 
 episodes = st.lists(
@@ -52,8 +52,8 @@ def test_goals_are_the_final_observation_of_the_same_episode(
         goal = batch.observations[hindsight.goal_rows[place]]
         assert goal.tobytes() == finals[episode]
         assert not selected or said["outcome"].name.lower() in on
-        done = said["action"] - FIRST_INTERACTION_ACTION
-        expected = done if selected and done >= 0 else said["interaction"]
+        done = INTERACTIONS.get(said["action"]) if selected else None
+        expected = said["interaction"] if done is None else done
         assert hindsight.interactions[place] == expected
     np.testing.assert_array_equal(hindsight.goal_rows, batch.offsets + batch.lengths)
     if probability == 1:

@@ -114,7 +114,12 @@ def test_only_chosen_outcomes_are_relabelled() -> None:
 
 def test_the_interaction_of_the_goal_comes_with_it() -> None:
     buffer = vhs.EpisodeBuffer(
-        (1,), num_streams=1, max_episode_steps=4, capacity_steps=8, frame_stack=1, num_interactions=3
+        (1,),
+        num_streams=1,
+        max_episode_steps=4,
+        capacity_steps=8,
+        frame_stack=1,
+        interactions={3: 0, 4: 1, 5: 2},
     )
     buffer.begin(0, np.zeros(1, np.uint8), 0, 2)
     for t, action in enumerate([0, 4, 3]):  # a move, interaction 1, interaction 0

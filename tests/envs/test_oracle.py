@@ -17,6 +17,7 @@ Arrange = Callable[..., None]
 EPISODES = 1000
 
 
+@pytest.mark.slow
 def test_the_oracle_solves_every_episode_and_replans_to_the_same_end(task: RoomTask) -> None:
     env = RoomEnv(task, renderer="none")
     lengths = []

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from eval_support import evaluation, make_run
+from hand_made_runs import evaluation, make_run
 
 from vhs.cli import main
 from vhs.errors import CheckpointError, ComparisonError

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from eval_support import evaluation
+from hand_made_runs import evaluation
 
 from vhs.cli import main
 from vhs.errors import CheckpointError

@@ -29,7 +29,10 @@ def small_learner(*overrides: str) -> Learner:
         interaction_dim=4,
     )
     momentum = 0.0 if config.method.prototype == "exact" else 0.9
-    store, prototypes = GoalStore(GOALS, (2, *FRAME), 50, seed=0), Prototypes(GOALS, DIM, momentum, seed=0)
+    store, prototypes = (
+        GoalStore(GOALS, agent.extractor.observation_shape, 50, seed=0),
+        Prototypes(GOALS, DIM, momentum, seed=0),
+    )
     return Learner(
         agent,
         PrototypeGoals(agent, store, prototypes, config.method, torch.float32),
@@ -45,7 +48,7 @@ def fill_store(goals: Goals, per_class: int = 5) -> None:
     rng = np.random.default_rng(7)
     for label in range(GOALS):
         for _ in range(per_class):
-            goals.store.push(rng.integers(0, 256, (2, *FRAME), dtype=np.uint8), label)
+            goals.store.push(rng.integers(0, 256, goals.store.observation_shape, dtype=np.uint8), label)
 
 
 def make_batch(outcomes: list[Outcome], last_action: int = 4) -> EpisodeBatch:
@@ -57,8 +60,9 @@ def make_batch(outcomes: list[Outcome], last_action: int = 4) -> EpisodeBatch:
         max_episode_steps=20,
         capacity_steps=400,
         frame_stack=2,
+        stacking="channels",
         num_goals=GOALS,
-        num_interactions=INTERACTIONS,
+        interactions={3 + number: number for number in range(INTERACTIONS)},
     )
     ids = []
     for episode, outcome in enumerate(outcomes):

@@ -10,7 +10,7 @@ from vhs import Prototypes
 from vhs.learning.goals import Goals
 from vhs.learning.methods import METHODS
 
-from .parts import DIM, FRAME, GOALS, fill_store, small_learner
+from .parts import DIM, GOALS, fill_store, small_learner
 
 
 def everything(goals: Goals) -> list[Tensor]:
@@ -94,7 +94,7 @@ def test_prototype_hindsight_waits_until_goals_can_be_told_apart() -> None:
 def test_exact_prototypes_embed_stored_images_of_their_class_alone() -> None:
     learner = small_learner("method.prototype=exact")
     assert not torch.equal(learner.goals.begin(2), learner.goals.begin(2)), "noise while the class is empty"
-    image = np.full((2, *FRAME), 90, dtype=np.uint8)
+    image = np.full(learner.goals.store.observation_shape, 90, dtype=np.uint8)
     learner.goals.store.push(image, 2)
     assert not learner.goals.is_warm
     learner.agent.eval()

@@ -14,6 +14,7 @@ SOLVED = {"vhs": 0.8, "pg": 0.8, "a3c": 0.8, "gcsl": 0.4, "gdan": 0.3}
 (0.68 and more). GDAN with layers this thin handles the object one way (0.5) by two seeds of three."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", METHODS)
 def test_six_thousand_episodes_solve_the_room(name: str) -> None:
     rate = "6e-3" if name == "gcsl" else "3e-3"

@@ -28,6 +28,7 @@ def assert_close(found: tuple[float, float, float]) -> None:
     assert distance <= DISTANCE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("antialias", ["off", "multisample"])
 def test_every_shape_texture_light_and_camera(antialias: str) -> None:
     model = shapes_model(samples=4 if antialias == "multisample" else 0)

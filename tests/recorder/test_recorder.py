@@ -170,13 +170,18 @@ def test_our_rooms_are_read_without_being_told_how() -> None:
             seen = {"image": np.full((8, 8, 3), 2, np.uint8), "goal": 3, "interaction": 2}
             return seen, -1.0, True, False, {"outcome": "failure"}
 
-    buffer = make_buffer(Room(), capacity_steps=9, max_episode_steps=3, num_goals=5, num_interactions=3)
+    with pytest.raises(vhs.ArgumentError, match="`interactions`: expected which action does which of"):
+        make_buffer(Room(), capacity_steps=9, max_episode_steps=3, num_interactions=3)
+    interactions = {3: 0, 4: 1, 5: 2}
+    buffer = make_buffer(
+        Room(), capacity_steps=9, max_episode_steps=3, num_goals=5, interactions=interactions
+    )
     env = HindsightRecorder(Room(), buffer)
     env.reset()
     env.step(4)
     batch = buffer.sample_episodes(1, "final")
     assert (batch.goals[0], batch.interactions[0], batch.outcomes[0]) == (3, 2, vhs.Outcome.FAILURE)
-    assert batch.hindsight.interactions[0] == 1  # action 4 does interaction 1 of three, after three moves
+    assert batch.hindsight.interactions[0] == 1  # what action 4 does
 
 
 def test_a_function_reads_what_no_rule_knows() -> None:
@@ -335,6 +340,24 @@ def test_a_pictured_goal_is_told_as_an_observation(frame_stack: int) -> None:
     batch = buffer.sample_transitions(20, "final", ratio=4)
     assert (batch.goals[batch.relabelled] == 1).all()
     np.testing.assert_array_equal(batch.goals[~batch.relabelled][0], [picture] * frame_stack)
+
+
+def test_a_pictured_goal_is_stacked_as_the_buffer_stacks() -> None:
+    picture = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
+    buffer = vhs.EpisodeBuffer(
+        (4, 4, 3),
+        num_streams=1,
+        max_episode_steps=3,
+        capacity_steps=9,
+        stacking="channels",
+        goals="observations",
+    )
+    env = HindsightRecorder(Shown(np.ones((4, 4, 3), np.uint8), picture), buffer)
+    env.reset()
+    env.step(0)
+    env.reset()
+    told = buffer.gather([0]).desired_goals[0]
+    np.testing.assert_array_equal(told, np.concatenate([picture, picture], axis=-1))
 
 
 def test_a_goal_that_is_neither_class_nor_picture_is_refused() -> None:

@@ -73,6 +73,7 @@ def act(pool: RolloutPool, batch: Batch) -> None:
     pool.send(np.zeros(len(batch), np.int64), batch.env_ids)
 
 
+@pytest.mark.slow
 def test_killed_workers_return_and_no_episode_is_lost_torn_or_doubled(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -118,6 +119,7 @@ def test_killed_workers_return_and_no_episode_is_lost_torn_or_doubled(
     assert len(auditor.running) == 6
 
 
+@pytest.mark.slow
 def test_a_death_is_noticed_within_10_ms_while_the_others_go_on() -> None:
     delays = []
     # Spawned workers are small: the kernel takes 10 ms and more to end a fork of a process that holds torch.
@@ -305,6 +307,7 @@ def _die_in_a_worker(learner: int, folder: Path) -> Ledger:
     return Ledger()
 
 
+@pytest.mark.slow
 def test_an_env_fn_that_hangs_in_its_worker_is_given_up(tmp_path: Path) -> None:
     fns = [partial(_hang_in_a_worker, tmp_path)]
     with RolloutPool(fns, 1, 1, start_limit_s=2.0) as pool:

@@ -345,6 +345,7 @@ def test_a_forgotten_pool_ends_its_workers() -> None:
     assert not Path(f"/proc/{pid}").exists()
 
 
+@pytest.mark.slow
 def test_idle_workers_and_an_idle_learner_take_next_to_no_time() -> None:
     with RolloutPool(Ledger, 2, 2, seed=0) as pool:
         pool.reset()

@@ -63,6 +63,7 @@ def on_pool(workers: int) -> list[list[bytes]]:
     return history
 
 
+@pytest.mark.slow
 def test_rooms_show_the_same_images_alone_and_on_any_number_of_workers() -> None:
     expected = alone()
     for workers in (1, 2, 4):

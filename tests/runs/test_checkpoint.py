@@ -171,6 +171,7 @@ def test_saving_the_same_episode_again_touches_nothing(tmp_path: Path) -> None:
     assert {path.name: path.stat().st_mtime_ns for path in first.iterdir()} == before
 
 
+@pytest.mark.slow
 def test_a_kill_at_any_moment_leaves_a_whole_checkpoint(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     for turn in range(5):

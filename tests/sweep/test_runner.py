@@ -227,6 +227,7 @@ def test_a_signal_stops_every_run_once_and_cleanly(
     assert run_sweep(tmp_path)[0] == 0
 
 
+@pytest.mark.slow
 def test_a_killed_sweep_leaves_no_run_behind_and_resumes(
     tmp_path: Path, journal: Journal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -315,6 +316,7 @@ def test_cores_are_shared_evenly() -> None:
         share_cores([0, 1], 3)
 
 
+@pytest.mark.slow
 def test_a_real_sweep_can_be_compared(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

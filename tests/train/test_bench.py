@@ -54,6 +54,7 @@ def test_a_configuration_is_that_of_a_training(capsys: pytest.CaptureFixture[str
     assert "train.episodes" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_no_episode_learned_from_is_said(capsys: pytest.CaptureFixture[str]) -> None:
     too_many = ["--set", "env.num_envs=1", "--set", "train.episodes_per_update=100000"]
     assert main(["bench", *QUICK, *too_many]) == 1

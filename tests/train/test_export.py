@@ -139,7 +139,7 @@ def test_exact_prototypes_are_embedded_when_exporting(tmp_path: Path) -> None:
     state, store = load_checkpoint(run)
     rng = np.random.default_rng(0)
     for _ in range(6):
-        store.push(rng.integers(0, 256, (2, 84, 84, 3), dtype=np.uint8), 2)
+        store.push(rng.integers(0, 256, store.observation_shape, dtype=np.uint8), 2)
     save_checkpoint(run, 8, state, store, keep=1)
     export_agent(run, tmp_path / "agent")
     prototypes = load_agent(tmp_path / "agent").goals.prototypes

@@ -74,7 +74,7 @@ class Actor:
 
         Args:
             streams: which episodes, int64, shape [n].
-            observations: their newest stacked observations, uint8, shape [n, stack, height, width, colours].
+            observations: their newest observations, uint8, as the extractor takes them.
 
         Returns:
             Actions, int64, shape [n]; the critic's values, float32, shape [n].

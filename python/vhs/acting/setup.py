@@ -57,6 +57,7 @@ def make_buffer(config: Config, spec: TaskSpec, num_streams: int, num_waiting: i
         num_streams=num_streams,
         capacity_steps=(num_streams + num_waiting) * spec.max_episode_steps,
         frame_stack=config.model.frame_stack,
+        stacking="channels",
     )
 
 

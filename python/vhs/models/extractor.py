@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn.functional import conv2d, layer_norm
 
-from vhs._core import ShapeError, stack_channels
+from vhs._core import ShapeError
 
 
 class FeatureExtractor(nn.Module):
@@ -33,7 +33,8 @@ class FeatureExtractor(nn.Module):
         """Build the layers for frames of `frame_shape` = (height, width, colours)."""
         super().__init__()
         height, width, colours = frame_shape
-        self.observation_shape = (frame_stack, height, width, colours)
+        self.observation_shape = (height, width, frame_stack * colours)
+        self._stack_shape = (frame_stack, height, width, colours)
         layers: list[nn.Module] = []
         inputs = frame_stack * colours
         for outputs in channels:
@@ -52,7 +53,8 @@ class FeatureExtractor(nn.Module):
         """Embed observations.
 
         Args:
-            observations: uint8, shape [N, stack, height, width, colours].
+            observations: uint8, frames stacked as channels, shape [N, height, width, stack * colours], which
+                costs nothing; or one after the other, shape [N, stack, height, width, colours].
             dtype: type in which the convolutions multiply; bfloat16 or float32.
 
         Returns:
@@ -61,16 +63,23 @@ class FeatureExtractor(nn.Module):
         Raises:
             ShapeError: the observations do not have the shape that the extractor was built for.
         """
-        if tuple(observations.shape[1:]) != self.observation_shape:
-            raise ShapeError(
-                f"`observations`: expected shape [N, {', '.join(map(str, self.observation_shape))}], "
-                f"found {list(observations.shape)}"
-            )
-        planes = _planes(observations).to(dtype).sub_(128)
+        planes = self._planes(observations).to(dtype).sub_(128)
         with torch.autocast(observations.device.type, dtype=torch.bfloat16, enabled=dtype == torch.bfloat16):
             maps = self.convolutions(planes) if self.training else self._convolve_folded(planes)
             features: Tensor = self.project(maps.flatten(1))
         return layer_norm(features.float(), features.shape[1:])
+
+    def _planes(self, observations: Tensor) -> Tensor:
+        """Stacked frames as channels, uint8, shape [N, stack * colours, height, width], channels last."""
+        if observations.shape[1:] == self._stack_shape:
+            observations = observations.permute(0, 2, 3, 1, 4).flatten(3)
+        if observations.shape[1:] != self.observation_shape:
+            pictures, stacks = (", ".join(map(str, s)) for s in (self.observation_shape, self._stack_shape))
+            found = list(observations.shape)
+            raise ShapeError(
+                f"`observations`: expected shape [N, {pictures}] or [N, {stacks}], found {found}"
+            )
+        return observations.permute(0, 3, 1, 2)
 
     def _convolve_folded(self, planes: Tensor) -> Tensor:
         """The convolutions with running statistics, each batch norm multiplied into the weights before it.
@@ -91,14 +100,6 @@ class FeatureExtractor(nn.Module):
         """Every convolution with the batch norm behind it."""
         layers = list(self.convolutions)
         return list(zip(layers[0::3], layers[1::3], strict=True))  # type: ignore[arg-type]
-
-
-def _planes(observations: Tensor) -> Tensor:
-    """Stacked frames as channels, uint8, shape [N, stack * colours, height, width], channels last."""
-    if observations.device.type == "cpu":
-        return torch.from_numpy(stack_channels(observations.numpy())).permute(0, 3, 1, 2)
-    planes = observations.permute(0, 2, 3, 1, 4).flatten(3)
-    return planes.permute(0, 3, 1, 2)
 
 
 def _fold(convolution: nn.Conv2d, norm: nn.BatchNorm2d) -> tuple[Tensor, Tensor]:

@@ -59,10 +59,11 @@ def look_at_goals(agent: Policy) -> StoredGoals | None:
     observations = np.concatenate([images for _, images in found])
     for label, _ in found:
         agent.goals.refresh(label)
+    colours = observations.shape[-1] // agent.config.model.frame_stack
     prototypes = agent.goals.prototypes
     return StoredGoals(
         counts=store.counts,
-        frames=np.ascontiguousarray(observations[:, -1]),
+        frames=np.ascontiguousarray(observations[..., -colours:]),
         labels=np.concatenate([np.full(len(images), label, dtype=np.int64) for label, images in found]),
         features=_embed(agent, observations),
         prototypes=prototypes.table,

@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 
     // Whole episodes: the new goal is the number of a row of the batch, no image is copied.
     let batch = buffer.gather(&[id])?;
-    let rule = Rule::new([Outcome::Failure].into_iter().collect(), 1.0, 3)?;
+    let rule = Rule::new([Outcome::Failure].into_iter().collect(), 1.0)?;
     let hindsight = rule.relabel(&batch.index.ends, &mut Rng::new(0));
     let (rows, goal) = (batch.index.rows, hindsight.goal_rows[0]);
     writeln!(

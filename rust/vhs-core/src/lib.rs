@@ -5,43 +5,37 @@
 //!
 //! | module | owns |
 //! |---|---|
-//! | [`goals`] | images of achieved goals by class, sampled in balanced batches |
-//! | [`prototypes`] | one mean feature vector a goal class |
-//! | [`episodes`], [`config`] | whole episodes of many environments, each frame stored once |
-//! | [`batch`], [`windows`], [`transitions`] | what a learner takes out: whole episodes, parts of them, single steps |
-//! | [`relabel`] | the hindsight rule for whole episodes |
-//! | [`strategy`], [`reward`], [`picks`] | hindsight goals of transitions and windows, and their rewards |
+//! | [`outcome`], [`item`] | how an episode ended; types of elements |
+//! | [`storage`] | bytes: records, pooled results, files |
+//! | [`hindsight`] | the rules: which rows are relabelled, from where, how they are rewarded |
+//! | [`buffer`] | whole episodes, each frame once; batches, transitions and windows of them |
+//! | [`goals`] | images of achieved goals by class, and prototypes |
 //! | [`returns`] | discounted returns |
-//! | [`frames`] | stacked frames as the channels of one picture |
-//! | [`persist`] | stores and buffers as files |
-//! | [`pool`] | memory of results, used again |
-//! | [`rng`], [`outcome`], [`error`] | what all of them share |
+//! | [`error`], [`rng`] | what the crates share, from `vhs-base` |
+//!
+//! Each row uses only those above it. What is used most has a short path: `vhs_core::episodes`.
 #![deny(missing_docs)]
 
-pub mod batch;
-pub mod config;
-pub mod episodes;
-pub mod error;
-pub mod frames;
+pub mod buffer;
 pub mod goals;
+pub mod hindsight;
+pub mod item;
 pub mod outcome;
-pub mod persist;
-pub mod picks;
-pub mod pool;
-pub mod prototypes;
-pub mod relabel;
 pub mod returns;
-pub mod reward;
-pub mod rng;
-pub mod strategy;
-pub mod transitions;
-pub mod windows;
+pub mod storage;
 
-mod checksum;
-mod episode;
-mod episode_file;
-mod files;
-mod goal_file;
-mod memory;
-mod sampling;
-mod slab;
+mod labels;
+
+pub use buffer::{batch, config, picks, transitions, windows};
+pub use goals::prototypes;
+pub use hindsight::{reward, rule as relabel, strategy};
+pub use storage::pool;
+pub use vhs_base::{error, rng};
+
+/// The buffer, what it is built from and what goes into it.
+pub mod episodes {
+    pub use crate::buffer::config::{Backing, EpisodeConfig, GoalKind};
+    pub use crate::buffer::episode::{Episode, Opening, Steps};
+    pub use crate::buffer::episodes::EpisodeBuffer;
+    pub use crate::item::Item;
+}

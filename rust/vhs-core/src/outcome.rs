@@ -1,7 +1,7 @@
 //! How an episode ended, in the same words everywhere: core, Python, configuration and
 //! `info["outcome"]`.
 
-use crate::error::{Error, Result};
+use vhs_base::error::{Error, Result};
 
 /// How an episode ended. The numbers are those of the Python `vhs.Outcome`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

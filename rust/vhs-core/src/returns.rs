@@ -1,8 +1,9 @@
 //! Monte-Carlo returns: `R_t = r_t + gamma R_(t+1)`, with `R_T = 0` after the last step (paper,
 //! section 3.1).
 
-use crate::error::{self, Error, Result, check_finite, check_fraction, check_shape};
-use crate::goals::class_of;
+use crate::labels::class_of;
+use vhs_base::check::{self, check_finite, check_fraction, check_shape};
+use vhs_base::error::{Error, Result};
 
 /// Discounted returns of padded episodes, `[B, T]` like `rewards`; zero after each episode's end.
 ///
@@ -25,7 +26,7 @@ pub fn discounted_returns(
     lengths: &[i64],
     gamma: f64,
 ) -> Result<Vec<f32>> {
-    let mut out = error::with_room("discounted_returns", rewards.len())?;
+    let mut out = check::with_room("discounted_returns", rewards.len())?;
     out.resize(rewards.len(), 0.0);
     discounted_returns_into(rewards, longest, lengths, gamma, &mut out)?;
     Ok(out)
@@ -42,7 +43,7 @@ pub fn discounted_returns_into(
     gamma: f64,
     out: &mut [f32],
 ) -> Result<()> {
-    let cells = error::product("lengths", &[lengths.len(), longest])?;
+    let cells = check::product("lengths", &[lengths.len(), longest])?;
     check_shape("rewards", &[cells], &[rewards.len()])?;
     check_shape("out", &[cells], &[out.len()])?;
     check_fraction("gamma", gamma)?;
@@ -58,7 +59,7 @@ pub fn discounted_returns_into(
 }
 
 fn check_episodes(rewards: &[f32], longest: usize, lengths: &[i64]) -> Result<()> {
-    error::check_labels("lengths", lengths, longest + 1)?;
+    check::check_labels("lengths", lengths, longest + 1)?;
     for (row, (rewards, &length)) in rewards.chunks(longest.max(1)).zip(lengths).enumerate() {
         check_finite("rewards", &rewards[..class_of(length)]).map_err(|error| match error {
             Error::NonFinite { field, index, got } => Error::NonFinite {

@@ -15,8 +15,9 @@ use numpy::{
 use pyo3::exceptions::PyOverflowError;
 use pyo3::prelude::*;
 use pyo3::types::PyBool;
-use vhs_core::error::{Error, Result, check_shape};
-use vhs_core::rng::Rng;
+use vhs_base::check::check_shape;
+use vhs_base::error::{Error, Result};
+use vhs_base::rng::Rng;
 
 use crate::error::{dtype, layout, to_py};
 

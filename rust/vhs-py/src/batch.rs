@@ -1,14 +1,34 @@
-//! `vhs.EpisodeBatch`: the arrays of a gathered batch.
+//! `vhs.EpisodeBatch` and `vhs.Hindsight`: the arrays of a gathered batch, and of its new goals.
 
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use vhs_core::batch::BatchIndex;
-use vhs_core::config::EpisodeConfig;
-use vhs_core::relabel::EpisodeEnd;
+use vhs_core::relabel::{self as core, EpisodeEnd};
 
 use crate::arrays::into_array;
-use crate::relabel::Hindsight;
 use crate::transitions::actions;
+
+#[doc = stub!("Hindsight")]
+#[pyclass(frozen, get_all, module = "vhs._core")]
+pub(crate) struct Hindsight {
+    #[doc = stub!("Hindsight.selected")]
+    selected: Py<PyArrayDyn<bool>>,
+    #[doc = stub!("Hindsight.goal_rows")]
+    goal_rows: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("Hindsight.interactions")]
+    interactions: Py<PyArrayDyn<i64>>,
+}
+
+impl Hindsight {
+    pub(crate) fn from_core(py: Python<'_>, hindsight: core::Hindsight) -> PyResult<Self> {
+        let shape = [hindsight.selected.len()];
+        Ok(Self {
+            selected: into_array(py, hindsight.selected, &shape)?.unbind(),
+            goal_rows: into_array(py, hindsight.goal_rows, &shape)?.unbind(),
+            interactions: into_array(py, hindsight.interactions, &shape)?.unbind(),
+        })
+    }
+}
 
 #[doc = stub!("EpisodeBatch")]
 #[pyclass(frozen, module = "vhs._core")]
@@ -61,7 +81,6 @@ pub(crate) struct EpisodeBatch {
     /// What relabelling reads: our own copy, so that writing to the arrays cannot lead it out of
     /// bounds.
     pub(crate) ends: Vec<EpisodeEnd>,
-    pub(crate) first_interaction_action: i64,
 }
 
 impl EpisodeBatch {
@@ -71,8 +90,8 @@ impl EpisodeBatch {
         py: Python<'_>,
         large: [Option<Bound<'_, PyAny>>; 3],
         index: BatchIndex,
-        hindsight: Option<vhs_core::relabel::Hindsight>,
-        config: &EpisodeConfig,
+        hindsight: Option<core::Hindsight>,
+        action_dim: usize,
     ) -> PyResult<Self> {
         let (episodes, steps) = ([index.ids.len()], [index.ids.len(), index.longest]);
         let hindsight = hindsight
@@ -88,7 +107,7 @@ impl EpisodeBatch {
             ids: into_array(py, index.ids, &episodes)?.unbind(),
             offsets: into_array(py, index.offsets, &episodes)?.unbind(),
             lengths: into_array(py, index.lengths, &episodes)?.unbind(),
-            actions: actions(py, index.actions, index.vectors, &steps, config.action_dim)?,
+            actions: actions(py, index.actions, index.vectors, &steps, action_dim)?,
             rewards: into_array(py, index.rewards, &steps)?.unbind(),
             values: into_array(py, index.values, &steps)?.unbind(),
             mask: into_array(py, index.mask, &steps)?.unbind(),
@@ -97,8 +116,6 @@ impl EpisodeBatch {
             outcomes: into_array(py, index.outcomes, &episodes)?.unbind(),
             hindsight,
             ends: index.ends,
-            first_interaction_action: i64::try_from(config.first_interaction_action)
-                .unwrap_or(i64::MAX),
         })
     }
 }

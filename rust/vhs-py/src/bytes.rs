@@ -9,8 +9,8 @@ use numpy::{
     PyUntypedArray, PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
-use vhs_core::config::Item;
-use vhs_core::error::check_shape;
+use vhs_base::check::check_shape;
+use vhs_core::item::Item;
 use vhs_core::pool::Bytes;
 
 use crate::arrays::{as_array, borrow_mut, exact, readonly, type_name};

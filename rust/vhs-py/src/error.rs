@@ -11,7 +11,7 @@ use pyo3::exceptions::{
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::{PyDict, PyTuple, PyType};
-use vhs_core::error::Error;
+use vhs_base::error::Error;
 use vhs_raster::Error as RasterError;
 
 /// The exception classes, in the order of `CLASSES`.
@@ -150,14 +150,6 @@ pub(crate) fn dtype(field: &str, expected: &str, got: &str) -> PyErr {
     raise(
         Kind::Dtype,
         format!("`{field}`: expected {expected}, got {got}"),
-    )
-}
-
-/// An array with another number of axes.
-pub(crate) fn axes(field: &str, expected: &str, got: &[usize]) -> PyErr {
-    raise(
-        Kind::Shape,
-        format!("`{field}`: expected shape {expected}, got {got:?}"),
     )
 }
 

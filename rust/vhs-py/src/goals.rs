@@ -6,15 +6,17 @@ use std::sync::Mutex;
 use numpy::{PyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
-use vhs_core::config::Item;
-use vhs_core::error::{Result, check_shape};
+use vhs_base::check::check_shape;
+use vhs_base::error::Result;
+use vhs_core::config::Stacking;
 use vhs_core::goals::{self as core, Balance};
+use vhs_core::item::Item;
 
 use crate::arrays::{
     checked, detached, exact, integer, integer_vec, into_array, rows, seed, shape, size, slice,
 };
 use crate::bytes::filled_bytes;
-use crate::episode_buffer::EpisodeBuffer;
+use crate::episode_buffer::{EpisodeBuffer, stacking};
 use crate::error::no_pickle;
 
 type Sample<'py> = (Bound<'py, PyAny>, Bound<'py, PyArrayDyn<i64>>);
@@ -150,12 +152,13 @@ impl GoalStore {
 
     #[doc = stub!("GoalStore.load")]
     #[staticmethod]
-    #[pyo3(signature = (path, *, mmap=false))]
+    #[pyo3(signature = (path, *, mmap=false, stacking="frames"))]
     #[expect(
         clippy::needless_pass_by_value,
         reason = "made from a Python path for this call"
     )]
-    fn load(py: Python<'_>, path: PathBuf, mmap: bool) -> PyResult<Self> {
+    fn load(py: Python<'_>, path: PathBuf, mmap: bool, stacking: &str) -> PyResult<Self> {
+        let stacking = self::stacking(stacking)?;
         let loaded = py.detach(|| {
             if mmap {
                 // SAFETY: the stub passes the condition on to the caller.
@@ -163,6 +166,10 @@ impl GoalStore {
             } else {
                 core::GoalStore::load(&path)
             }
+            .and_then(|store| match stacking {
+                Stacking::Frames => Ok(store),
+                Stacking::Channels => store.into_channels(),
+            })
         });
         checked(loaded).map(Self::from)
     }

@@ -3,7 +3,8 @@
 use numpy::PyUntypedArrayMethods;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
-use vhs_core::error::{Error, check_shape};
+use vhs_base::check::check_shape;
+use vhs_base::error::Error;
 use vhs_core::reward as core;
 use vhs_core::strategy::{HindsightRule, Share, Strategy};
 

@@ -18,11 +18,8 @@ macro_rules! stub {
 mod arrays;
 mod batch;
 mod bytes;
-mod episode_arguments;
 mod episode_buffer;
-mod episodes;
 mod error;
-mod frames;
 mod goals;
 mod hindsight;
 mod prototypes;
@@ -33,18 +30,15 @@ mod returns;
 mod rng;
 #[cfg(target_os = "linux")]
 mod rollout;
-mod sampling;
 mod transitions;
 
 /// The compiled half of the Python package `vhs`.
 #[pyo3::pymodule]
 mod _core {
     #[pymodule_export]
-    use crate::batch::EpisodeBatch;
+    use crate::batch::{EpisodeBatch, Hindsight};
     #[pymodule_export]
     use crate::episode_buffer::EpisodeBuffer;
-    #[pymodule_export]
-    use crate::frames::stack_channels;
     #[pymodule_export]
     use crate::goals::GoalStore;
     #[pymodule_export]
@@ -54,7 +48,7 @@ mod _core {
     #[pymodule_export]
     use crate::raster::{RasterCanvas, RasterScene};
     #[pymodule_export]
-    use crate::relabel::{Hindsight, relabel};
+    use crate::relabel::relabel;
     #[pymodule_export]
     use crate::returns::discounted_returns;
     #[pymodule_export]

@@ -5,7 +5,8 @@ use std::sync::Mutex;
 use numpy::{PyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use vhs_core::error::{Result, check_shape};
+use vhs_base::check::check_shape;
+use vhs_base::error::Result;
 use vhs_core::prototypes as core;
 
 use crate::arrays::{

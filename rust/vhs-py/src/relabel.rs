@@ -1,41 +1,18 @@
-//! `vhs.relabel` and the `vhs.Hindsight` it returns.
+//! `vhs.relabel`, and the words of its arguments.
 
 use std::sync::{Mutex, PoisonError};
 
-use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::PyString;
-use vhs_core::error::Error;
+use vhs_base::error::Error;
+use vhs_base::rng::Rng as CoreRng;
 use vhs_core::outcome::{Outcome, OutcomeSet};
 use vhs_core::relabel as core;
-use vhs_core::rng::Rng as CoreRng;
 
-use crate::arrays::{checked, integer, into_array, seed, type_name};
-use crate::batch::EpisodeBatch;
+use crate::arrays::{checked, integer, seed, type_name};
+use crate::batch::{EpisodeBatch, Hindsight};
 use crate::error::{dtype, to_py};
 use crate::rng::Rng;
-
-#[doc = stub!("Hindsight")]
-#[pyclass(frozen, get_all, module = "vhs._core")]
-pub(crate) struct Hindsight {
-    #[doc = stub!("Hindsight.selected")]
-    selected: Py<PyArrayDyn<bool>>,
-    #[doc = stub!("Hindsight.goal_rows")]
-    goal_rows: Py<PyArrayDyn<i64>>,
-    #[doc = stub!("Hindsight.interactions")]
-    interactions: Py<PyArrayDyn<i64>>,
-}
-
-impl Hindsight {
-    pub(crate) fn from_core(py: Python<'_>, hindsight: core::Hindsight) -> PyResult<Self> {
-        let shape = [hindsight.selected.len()];
-        Ok(Self {
-            selected: into_array(py, hindsight.selected, &shape)?.unbind(),
-            goal_rows: into_array(py, hindsight.goal_rows, &shape)?.unbind(),
-            interactions: into_array(py, hindsight.interactions, &shape)?.unbind(),
-        })
-    }
-}
 
 #[doc = stub!("relabel")]
 // Chooses the episodes of a batch that are relabelled, and their new goals.
@@ -49,7 +26,7 @@ pub(crate) fn relabel(
     on: Option<&Bound<'_, PyAny>>,
     probability: f64,
 ) -> PyResult<Hindsight> {
-    let rule = rule(strategy, on, probability, batch.first_interaction_action)?;
+    let rule = rule(strategy, on, probability)?;
     let Ok(shared) = rng.cast::<Rng>() else {
         return Hindsight::from_core(py, rule.relabel(&batch.ends, &mut CoreRng::new(seed(rng)?)));
     };
@@ -68,7 +45,6 @@ pub(crate) fn rule(
     strategy: &str,
     on: Option<&Bound<'_, PyAny>>,
     probability: f64,
-    first_interaction_action: i64,
 ) -> PyResult<core::Rule> {
     if strategy != "final" {
         let got = format!("\"{strategy}\"");
@@ -79,7 +55,7 @@ pub(crate) fn rule(
         }));
     }
     let on = on.map_or_else(|| Ok([Outcome::Failure].into_iter().collect()), outcomes)?;
-    checked(core::Rule::new(on, probability, first_interaction_action))
+    checked(core::Rule::new(on, probability))
 }
 
 /// An outcome from its name or its number.

@@ -2,7 +2,7 @@
 
 use numpy::PyUntypedArrayMethods;
 use pyo3::prelude::*;
-use vhs_core::error::check_shape;
+use vhs_base::check::check_shape;
 use vhs_core::returns as core;
 
 use crate::arrays::{checked, filled, integer_vec, reals, slice};

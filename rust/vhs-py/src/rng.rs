@@ -4,7 +4,7 @@ use std::sync::Mutex;
 
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
-use vhs_core::rng as core;
+use vhs_base::rng as core;
 
 use crate::arrays::{detached, into_array, rng_from_state, seed};
 

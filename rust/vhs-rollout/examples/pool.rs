@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
 
-use vhs_core::error::Result;
+use vhs_base::error::Result;
 use vhs_rollout::batch::Leaf;
 use vhs_rollout::flags::{BEGIN, FINAL, FIRST, STEP, TERMINATED};
 use vhs_rollout::layout::Shape;

@@ -4,7 +4,8 @@
 //! block and recycle blocks: fresh memory is 10 to 15 times slower to fill than warm memory. Observations are copied here
 //! from their slots, the second and last copy of their way.
 
-use vhs_core::error::{Error, Result, check_shape};
+use vhs_base::check::check_shape;
+use vhs_base::error::{Error, Result};
 
 use crate::flags::{FINAL, FIRST, NOTABLE, TERMINATED, TRUNCATED};
 use crate::layout::Layout;

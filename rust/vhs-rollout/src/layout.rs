@@ -6,7 +6,7 @@
 //!
 //! Every process computes the layout from the same [`Shape`], which the header repeats as a check.
 
-use vhs_core::error::{Error, Result};
+use vhs_base::error::{Error, Result};
 
 use crate::bell::Bell;
 use crate::ring::Ring;

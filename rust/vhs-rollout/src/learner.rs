@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
-use vhs_core::error::{Error, Result};
+use vhs_base::error::{Error, Result};
 
 use crate::clock::monotonic_ns;
 use crate::flags::NOTICE;

@@ -28,7 +28,7 @@
 //! assert_eq!(pool.wait(1, soon), Waited::Ready); // `Paused`: time is over, or a worker wants attention
 //! let mut block = vec![0; pool.batch().total]; // the columns of `batch::BatchLayout`
 //! assert_eq!(pool.fill(&mut block)?.rows, 1);
-//! # Ok::<(), vhs_core::error::Error>(())
+//! # Ok::<(), vhs_base::error::Error>(())
 //! ```
 //!
 //! | module | owns |

@@ -6,8 +6,9 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use vhs_core::error::{Error, Result, check_shape};
-use vhs_core::rng::Rng;
+use vhs_base::check::check_shape;
+use vhs_base::error::{Error, Result};
+use vhs_base::rng::Rng;
 
 use crate::batch::{BatchLayout, Block, Filled, Leaf};
 use crate::flags::{CALLED, CUT, ENDED, FAILED, FIRST, QUARANTINED};

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use vhs_core::error::{Error, Result};
+use vhs_base::error::{Error, Result};
 
 use crate::clock::monotonic_ns;
 use crate::mapping::Mapping;

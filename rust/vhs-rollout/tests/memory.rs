@@ -10,7 +10,7 @@ use std::os::fd::{AsFd, AsRawFd};
 use std::sync::Arc;
 use std::time::Duration;
 
-use vhs_core::error::Error;
+use vhs_base::error::Error;
 use vhs_rollout::batch::Leaf;
 use vhs_rollout::flags::{BEGIN, CUT, FIRST, STEP};
 use vhs_rollout::layout::{Layout, MAX_ENVS_PER_WORKER, Shape};

@@ -14,7 +14,7 @@ use std::process::{Child, Command as Process, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use vhs_core::rng::Rng;
+use vhs_base::rng::Rng;
 use vhs_rollout::flags::ENDED;
 use vhs_rollout::layout::Shape;
 use vhs_rollout::learner::{Fate, Learner, Waited};

@@ -2,11 +2,14 @@
 
 mod support;
 
+mod draws;
 mod episodes;
-mod frames;
+mod errors;
+
 mod goals;
 mod persist;
 mod prototypes;
 mod relabel;
 mod returns;
+mod stacking;
 mod threads;

@@ -20,7 +20,8 @@ pub(crate) fn small_config(frame_stack: usize, capacity_steps: usize) -> Episode
         frame_stack,
         num_goals: 5,
         num_interactions: 3,
-        first_interaction_action: 3,
+        num_actions: Some(6),
+        interactions: [(3, 0), (4, 1), (5, 2)].into(),
         seed: 11,
         ..EpisodeConfig::default()
     }

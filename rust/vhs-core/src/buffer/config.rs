@@ -1,0 +1,265 @@
+//! What an episode buffer is built from: sizes, element types, and what a goal is.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+pub use crate::item::Item;
+use crate::item::volume;
+use crate::labels::class_of;
+use vhs_base::check::{self, check_range};
+use vhs_base::error::{Error, Result};
+
+/// The most streams, goals, interactions, stacked frames or steps of an episode.
+const MAX_COUNT: usize = 1 << 20;
+
+/// What an episode is told to reach, and what counts as reached.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum GoalKind {
+    /// Told: a class number. Reached: the observation itself.
+    #[default]
+    Labels,
+    /// Told: an observation, given when the episode begins. Reached: the observation itself.
+    Observations,
+    /// Told: a vector. Reached: a vector that comes beside every frame, as in goal-conditioned environments
+    /// with `achieved_goal` and `desired_goal`.
+    Vectors {
+        /// Shape of a goal, each size at least 1.
+        shape: Vec<usize>,
+        /// Type of its elements.
+        item: Item,
+    },
+}
+
+/// How the frames of an observation lie in it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Stacking {
+    /// One frame after the other, oldest first: `[frame_stack, *frame_shape]`.
+    #[default]
+    Frames = 0,
+    /// As the channels of one picture: of each pixel the oldest frame's channels first, so that frames of
+    /// `[H, W, C]` make an observation of `[H, W, frame_stack * C]`.
+    Channels = 1,
+}
+
+/// Where frames lie.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Backing {
+    /// Memory.
+    #[default]
+    Memory,
+    /// A scratch file at this path, which may be larger than memory. It must not exist yet, and it vanishes
+    /// with the buffer, however the process ends: [`EpisodeBuffer::save`](super::episodes::EpisodeBuffer::save) is what keeps episodes.
+    Scratch(PathBuf),
+}
+
+/// What an [`EpisodeBuffer`](super::episodes::EpisodeBuffer) is built from.
+///
+/// `EpisodeConfig { frame_shape, ..EpisodeConfig::default() }` is the way to make one: fields may be added.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct EpisodeConfig {
+    /// Shape of one frame.
+    pub frame_shape: Vec<usize>,
+    /// Type of its elements; uint8 for images.
+    pub frame_item: Item,
+    /// Environments that feed the buffer at the same time.
+    pub num_streams: usize,
+    /// Steps after which no more can be appended to an episode.
+    pub max_episode_steps: usize,
+    /// Steps kept over all episodes; at least `num_streams * max_episode_steps`, for open episodes
+    /// are never evicted.
+    pub capacity_steps: usize,
+    /// Frames in one observation.
+    pub frame_stack: usize,
+    /// How they lie in it.
+    pub stacking: Stacking,
+    /// What a goal is.
+    pub goal_kind: GoalKind,
+    /// Goal classes.
+    pub num_goals: usize,
+    /// Numbered actions; None: any number below 2^20 is one.
+    pub num_actions: Option<usize>,
+    /// Interactions; 0 where the task has none, and interaction 0 stands for none.
+    pub num_interactions: usize,
+    /// The interaction that each action does; an action that is not among them is a move. Needed where there
+    /// is more than one interaction and actions are numbered.
+    pub interactions: BTreeMap<i64, i64>,
+    /// Numbers in a continuous action; 0 where actions are numbered.
+    pub action_dim: usize,
+    /// Seed of [`EpisodeBuffer::sample`](super::episodes::EpisodeBuffer::sample) and of the relabelling done with it.
+    pub seed: u64,
+    /// Where frames lie.
+    pub backing: Backing,
+}
+
+impl Default for EpisodeConfig {
+    /// One stream of single bytes; every size that matters is to be given.
+    fn default() -> Self {
+        Self {
+            frame_shape: vec![1],
+            frame_item: Item::U8,
+            num_streams: 1,
+            max_episode_steps: 1,
+            capacity_steps: 1,
+            frame_stack: 1,
+            stacking: Stacking::Frames,
+            goal_kind: GoalKind::Labels,
+            num_goals: 1,
+            num_actions: None,
+            num_interactions: 0,
+            interactions: BTreeMap::new(),
+            action_dim: 0,
+            seed: 0,
+            backing: Backing::Memory,
+        }
+    }
+}
+
+impl EpisodeConfig {
+    pub(crate) fn check(&self) -> Result<()> {
+        volume("frame_shape", &self.frame_shape)?;
+        if let GoalKind::Vectors { shape, .. } = &self.goal_kind {
+            volume("goal_shape", shape)?;
+        }
+        check_range("num_streams", self.num_streams, 1, MAX_COUNT)?;
+        check_range("max_episode_steps", self.max_episode_steps, 1, MAX_COUNT)?;
+        check_range("frame_stack", self.frame_stack, 1, MAX_COUNT)?;
+        check_range("num_goals", self.num_goals, 1, MAX_COUNT)?;
+        check_range("num_interactions", self.num_interactions, 0, MAX_COUNT)?;
+        check_range("action_dim", self.action_dim, 0, MAX_COUNT)?;
+        check_range("num_actions", self.action_limit(), 1, 2 * MAX_COUNT)?;
+        self.check_interactions()?;
+        self.check_total()?;
+        let least = self.num_streams.saturating_mul(self.max_episode_steps);
+        if self.capacity_steps >= least {
+            return Ok(());
+        }
+        Err(Error::Argument {
+            field: "capacity_steps",
+            expected: format!("at least num_streams * max_episode_steps = {least}"),
+            got: self.capacity_steps.to_string(),
+        })
+    }
+
+    /// Everything that is ever multiplied fits memory's addresses. Two frames a step at most: the shortest
+    /// episode has one step and two frames.
+    fn check_total(&self) -> Result<()> {
+        let frame = [
+            &self.frame_shape[..],
+            &[self.frame_item.bytes(), self.frame_stack],
+        ]
+        .concat();
+        check::product("frame_shape", &frame)?;
+        if let GoalKind::Vectors { shape, item } = &self.goal_kind {
+            check::product("goal_shape", &[&shape[..], &[item.bytes()]].concat())?;
+        }
+        let step = self.observation_bytes().checked_add(self.goal_bytes());
+        let step = step.and_then(|bytes| bytes.checked_add(8 * self.action_dim + 64));
+        let Some(step) = step else {
+            return Err(Error::Argument {
+                field: "frame_shape",
+                expected: "a step that fits memory".into(),
+                got: format!("{:?}", self.frame_shape),
+            });
+        };
+        check::product("capacity_steps", &[self.capacity_steps, 4, step]).map(drop)
+    }
+
+    /// Nothing is guessed: which of several interactions an episode ended with follows from its last action alone.
+    fn check_interactions(&self) -> Result<()> {
+        let refused = |expected: String, got: String| {
+            let field = "interactions";
+            Err(Error::Argument {
+                field,
+                expected,
+                got,
+            })
+        };
+        if self.action_dim > 0 && !self.interactions.is_empty() {
+            return refused("none where actions are continuous".into(), "some".into());
+        }
+        if self.action_dim == 0 && self.num_interactions > 1 && self.interactions.is_empty() {
+            let expected = format!(
+                "which action does which of num_interactions = {}",
+                self.num_interactions
+            );
+            return refused(expected, "none".into());
+        }
+        for (&action, &interaction) in &self.interactions {
+            let fits = |number: i64, limit: usize| class_of(number) < limit;
+            if !fits(action, self.action_limit()) || !fits(interaction, self.num_interactions) {
+                let (actions, interactions) = (self.action_limit(), self.num_interactions);
+                let expected =
+                    format!("actions in 0..{actions} that do interactions in 0..{interactions}");
+                return refused(
+                    expected,
+                    format!("action {action}, interaction {interaction}"),
+                );
+            }
+        }
+        Ok(())
+    }
+
+    /// One more than the largest number that an action can be.
+    pub(crate) fn action_limit(&self) -> usize {
+        self.num_actions.unwrap_or(MAX_COUNT)
+    }
+
+    /// The interaction that an action did; None where it was a move.
+    pub(crate) fn interaction_of(&self, action: Option<&i64>) -> Option<i64> {
+        self.interactions.get(action?).copied()
+    }
+
+    /// Shape of one observation: as `stacking` says.
+    #[must_use]
+    pub fn observation_shape(&self) -> Vec<usize> {
+        let frame = &self.frame_shape[..];
+        match (self.stacking, frame) {
+            (Stacking::Channels, [sizes @ .., channels]) => {
+                [sizes, &[self.frame_stack * channels]].concat()
+            }
+            _ => [&[self.frame_stack], frame].concat(),
+        }
+    }
+
+    /// Bytes of the channels of one pixel of a frame.
+    pub(crate) fn pixel_bytes(&self) -> usize {
+        self.frame_shape.last().copied().unwrap_or(1) * self.frame_item.bytes()
+    }
+
+    /// Bytes of one frame.
+    #[must_use]
+    pub fn frame_bytes(&self) -> usize {
+        self.frame_shape.iter().product::<usize>() * self.frame_item.bytes()
+    }
+
+    /// Bytes of one observation: of its stacked frames.
+    #[must_use]
+    pub fn observation_bytes(&self) -> usize {
+        self.frame_stack * self.frame_bytes()
+    }
+
+    /// Bytes of what counts as reached at a frame: a goal vector or an observation.
+    #[must_use]
+    pub fn goal_bytes(&self) -> usize {
+        self.vector_bytes().unwrap_or(self.observation_bytes())
+    }
+
+    /// Bytes of a goal vector, where goals are vectors.
+    pub(crate) fn vector_bytes(&self) -> Option<usize> {
+        match &self.goal_kind {
+            GoalKind::Vectors { shape, item } => {
+                Some(shape.iter().product::<usize>() * item.bytes())
+            }
+            _ => None,
+        }
+    }
+
+    /// Bytes of the goal that an episode is told, beside its class number.
+    pub(crate) fn desired_bytes(&self) -> usize {
+        match self.goal_kind {
+            GoalKind::Labels => 0,
+            _ => self.goal_bytes(),
+        }
+    }
+}

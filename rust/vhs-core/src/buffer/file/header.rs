@@ -1,0 +1,276 @@
+//! The head of an episode buffer file: what the buffer was built from, its counters and its generator.
+
+use crate::buffer::config::{EpisodeConfig, GoalKind, Stacking};
+use crate::buffer::episode::Episode;
+use crate::buffer::episodes::EpisodeBuffer;
+use crate::item::Item;
+use crate::labels::{class_of, label_of};
+use crate::storage::files::{ALIGNMENT, MAX_DIMENSIONS, MAX_SIZE, Reader, Writer};
+use vhs_base::error::{Error, Result};
+use vhs_base::rng::Rng;
+
+const MAGIC: [u8; 8] = *b"vhsepiso";
+const VERSION: u32 = 2;
+/// Words between the version and the frame shape.
+const FIXED: usize = 19;
+/// Counters stay below this, so that whatever is added to a loaded buffer fits them.
+const MAX_COUNTER: u64 = 1 << 62;
+/// The most actions or interactions that a list of them is made for.
+const MAX_LABELS: usize = 1 << 20;
+
+/// Writes everything before the episodes.
+pub(super) fn write(buffer: &EpisodeBuffer, file: &mut Writer<'_>) -> Result<()> {
+    let config = &buffer.config;
+    let (kind, item, shape) = match &config.goal_kind {
+        GoalKind::Labels => (0, 0, &[][..]),
+        GoalKind::Observations => (1, 0, &[][..]),
+        GoalKind::Vectors { shape, item } => (2, *item as u64, &shape[..]),
+    };
+    for (field, shape) in [
+        ("frame_shape", &config.frame_shape[..]),
+        ("goal_shape", shape),
+    ] {
+        if shape.len() > MAX_DIMENSIONS {
+            return Err(Error::Argument {
+                field,
+                expected: format!("at most {MAX_DIMENSIONS} dimensions in a file"),
+                got: shape.len().to_string(),
+            });
+        }
+    }
+    let (frame, stacking) = (config.frame_item as u64, config.stacking as u64);
+    let kinds = kind | item << 8 | frame << 16 | stacking << 24 | (shape.len() as u64) << 32;
+    let stored = buffer.finished.iter().map(Episode::len).sum::<usize>();
+    file.put(&MAGIC)?;
+    file.put_words([
+        u64::from(VERSION) | (config.frame_shape.len() as u64) << 32,
+        kinds,
+    ])?;
+    file.put_words(sizes(config).map(|size| size as u64))?;
+    file.put_words([config.seed])?;
+    file.put_words(buffer.rng.state())?;
+    file.put_words([buffer.next_id, buffer.finished_steps])?;
+    file.put_words([buffer.finished.len() as u64, stored as u64])?;
+    file.put_words(config.frame_shape.iter().map(|&size| size as u64))?;
+    file.put_words(shape.iter().map(|&size| size as u64))?;
+    let pairs = config.interactions.iter();
+    file.put_words(pairs.flat_map(|(&action, &interaction)| [word(action), word(interaction)]))
+}
+
+/// The sizes of a configuration, in the order of the file; 0 actions stand for any number of them.
+fn sizes(config: &EpisodeConfig) -> [usize; 9] {
+    [
+        config.num_streams,
+        config.max_episode_steps,
+        config.capacity_steps,
+        config.frame_stack,
+        config.num_goals,
+        config.num_interactions,
+        config.num_actions.unwrap_or_default(),
+        config.action_dim,
+        config.interactions.len(),
+    ]
+}
+
+/// A file's header, checked against itself and the length of the file.
+pub(super) struct Header {
+    version: u64,
+    pub(super) config: EpisodeConfig,
+    pub(super) rng: Rng,
+    pub(super) next_id: u64,
+    pub(super) finished_steps: u64,
+    /// E.
+    pub(super) episodes: usize,
+    /// S.
+    pub(super) steps: usize,
+}
+
+impl Header {
+    pub(super) fn read(reader: &mut Reader<'_>) -> Result<Self> {
+        let (version, dimensions) = reader.first(MAGIC, VERSION)?;
+        let fixed = reader.words(FIXED)?;
+        let (kinds, rest) = (fixed[0], &fixed[1..]);
+        let frame = reader.number("frame dimensions", dimensions, 1, MAX_DIMENSIONS)?;
+        let most = if kinds & 255 == 2 { MAX_DIMENSIONS } else { 0 };
+        let goal = reader.number("goal dimensions", kinds >> 32, 0, most)?;
+        let shapes = reader.words(frame + goal)?;
+        let mut shapes = shapes
+            .iter()
+            .map(|&size| reader.number("shape", size, 1, MAX_SIZE))
+            .collect::<Result<Vec<_>>>()?;
+        let goal_shape = shapes.split_off(frame);
+        let config = config(reader, kinds, &rest[..10], [shapes, goal_shape])?;
+        let config = match version {
+            1 => with_interactions_from(reader, config, rest[6], rest[8])?,
+            _ => with_interactions(reader, config, rest[6], rest[8])?,
+        };
+        config.check().map_err(|error| lie(reader, &error))?;
+        let state = [rest[10], rest[11], rest[12], rest[13]];
+        let zero = || reader.damaged("generator state", "one that is not zero", "0");
+        let header = Self {
+            version,
+            config,
+            rng: Rng::from_state(state).ok_or_else(zero)?,
+            next_id: rest[14],
+            finished_steps: rest[15],
+            episodes: reader.number("episodes", rest[16], 0, MAX_SIZE)?,
+            steps: reader.number("steps", rest[17], 0, MAX_SIZE)?,
+        };
+        header.check(reader)?;
+        Ok(header)
+    }
+
+    /// Before memory is taken: all sizes together must be those of the file.
+    fn check(&self, reader: &Reader<'_>) -> Result<()> {
+        let range = self.episodes as u64..=MAX_COUNTER;
+        if !range.contains(&self.next_id) {
+            let expected = format!("a number in {range:?}");
+            return Err(reader.damaged("next id", &expected, &self.next_id.to_string()));
+        }
+        let held = self.steps <= self.config.capacity_steps
+            && self.steps >= self.episodes
+            && (self.steps as u64..=MAX_COUNTER).contains(&self.finished_steps);
+        if !held {
+            let found = format!("{} in {} episodes", self.steps, self.episodes);
+            return Err(reader.damaged("steps", "what the buffer can hold", &found));
+        }
+        let padded = self.bytes().and_then(|bytes| {
+            let padded = bytes.checked_next_multiple_of(ALIGNMENT)?;
+            padded.checked_add(self.goal_bytes()?)?.checked_add(16)
+        });
+        let frames = self.rows().checked_mul(self.config.frame_bytes());
+        reader.expect_length(frames.and_then(|frames| frames.checked_add(padded?)))
+    }
+
+    /// Bytes before the padding.
+    pub(super) fn bytes(&self) -> Option<usize> {
+        let config = &self.config;
+        let goal = match &config.goal_kind {
+            GoalKind::Vectors { shape, .. } => shape.len(),
+            _ => 0,
+        };
+        let pairs = if self.version == 1 {
+            0
+        } else {
+            config.interactions.len()
+        };
+        let words = 2 + FIXED + config.frame_shape.len() + goal + 2 * pairs + 1;
+        let step = 8 + if config.action_dim == 0 {
+            8
+        } else {
+            4 * config.action_dim
+        };
+        let episodes = self.episodes.checked_mul(32)?;
+        let steps = self.steps.checked_mul(step)?;
+        (8 * words).checked_add(episodes)?.checked_add(steps)
+    }
+
+    fn goal_bytes(&self) -> Option<usize> {
+        let told = self.episodes.checked_mul(self.config.desired_bytes())?;
+        let reached = self.config.vector_bytes().unwrap_or_default();
+        told.checked_add(self.rows().checked_mul(reached)?)
+    }
+
+    /// Frames: one more in each episode than steps. Both are below 2^63.
+    pub(super) const fn rows(&self) -> usize {
+        self.steps + self.episodes
+    }
+}
+
+/// Everything of a configuration but its actions and interactions.
+fn config(
+    reader: &Reader<'_>,
+    kinds: u64,
+    numbers: &[u64],
+    [frame_shape, shape]: [Vec<usize>; 2],
+) -> Result<EpisodeConfig> {
+    let item = |field, number: u64| {
+        let known = Item::ALL
+            .into_iter()
+            .find(|&item| item as u64 == number & 255);
+        known.ok_or_else(|| reader.damaged(field, "a known type", &(number & 255).to_string()))
+    };
+    let size = |place: usize| reader.number("sizes", numbers[place], 0, MAX_SIZE);
+    let goal_kind = match kinds & 255 {
+        0 => GoalKind::Labels,
+        1 => GoalKind::Observations,
+        2 => GoalKind::Vectors {
+            shape,
+            item: item("goal type", kinds >> 8)?,
+        },
+        other => return Err(reader.damaged("kind of goal", "0, 1 or 2", &other.to_string())),
+    };
+    let stacking = match kinds >> 24 & 255 {
+        0 => Stacking::Frames,
+        1 => Stacking::Channels,
+        other => return Err(reader.damaged("stacking", "0 or 1", &other.to_string())),
+    };
+    Ok(EpisodeConfig {
+        frame_shape,
+        frame_item: item("frame type", kinds >> 16)?,
+        num_streams: size(0)?,
+        max_episode_steps: size(1)?,
+        capacity_steps: size(2)?,
+        frame_stack: size(3)?,
+        stacking,
+        num_goals: size(4)?,
+        num_interactions: size(5)?,
+        action_dim: size(7)?,
+        goal_kind,
+        seed: numbers[9],
+        ..EpisodeConfig::default()
+    })
+}
+
+/// Actions and interactions as version 1 says them: those from `first` on do interactions 0, 1 and so on.
+fn with_interactions_from(
+    reader: &Reader<'_>,
+    mut config: EpisodeConfig,
+    first: u64,
+    reserved: u64,
+) -> Result<EpisodeConfig> {
+    reader.expect("reserved", "0", &reserved.to_string())?;
+    let first = reader.number("first interaction", first, 0, MAX_LABELS)?;
+    reader.number("sizes", config.num_interactions as u64, 0, MAX_LABELS)?;
+    if config.action_dim == 0 {
+        config.num_actions = Some(first + config.num_interactions);
+        let pairs = (label_of(first)..).zip(0..label_of(config.num_interactions));
+        config.interactions = pairs.collect();
+    }
+    Ok(config)
+}
+
+/// Actions and interactions as the newest version says them.
+fn with_interactions(
+    reader: &mut Reader<'_>,
+    mut config: EpisodeConfig,
+    actions: u64,
+    pairs: u64,
+) -> Result<EpisodeConfig> {
+    let actions = reader.number("sizes", actions, 0, MAX_SIZE)?;
+    let pairs = reader.number("interactions", pairs, 0, MAX_LABELS)?;
+    config.num_actions = (actions > 0).then_some(actions);
+    let words = reader.words(2 * pairs)?;
+    let each = words.as_chunks().0.iter();
+    config.interactions = each
+        .map(|&[action, interaction]| (number(action), number(interaction)))
+        .collect();
+    // An action that came twice would leave fewer: what is read again would not be what was read.
+    let found = config.interactions.len().to_string();
+    reader.expect("interactions", &pairs.to_string(), &found)?;
+    Ok(config)
+}
+
+/// The error of a file whose checksum is right and whose numbers are not.
+pub(super) fn lie(reader: &Reader<'_>, error: &Error) -> Error {
+    reader.damaged("contents", "those of an episode buffer", &error.to_string())
+}
+
+/// Non-negative numbers are stored as they are; no other passes the checks.
+pub(super) fn word(number: i64) -> u64 {
+    class_of(number) as u64
+}
+
+pub(super) fn number(word: u64) -> i64 {
+    usize::try_from(word).map_or(-1, label_of)
+}

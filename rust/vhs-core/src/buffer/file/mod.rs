@@ -1,0 +1,287 @@
+//! Episode buffers as files: written atomically, read back bit for bit, generator included.
+//!
+//! Invariant: a file under the chosen name is always whole, the old one or the new one.
+//!
+//! Little-endian words of 8 bytes, version 2, for E finished episodes of S steps in all:
+//!
+//! | bytes | content |
+//! |---|---|
+//! | 8 | `vhsepiso` |
+//! | 4, 4 | version; dimensions of a frame, D |
+//! | 19 x 8 | see `header` |
+//! | D x 8, G x 8 | frame shape; shape of a goal vector |
+//! | I x (8, 8) | actions, each with the interaction that it does |
+//! | E x 4 x 8 | goal class; interaction; outcome, plus 256 where terminated; steps |
+//! | S x 8 | numbered actions, or nothing |
+//! | S x A x 4 | continuous actions of A numbers, or nothing |
+//! | S x 4, S x 4 | rewards; values |
+//! | 8 | checksum of all bytes above |
+//! | | zeros up to a multiple of 4096 |
+//! | E x, (S + E) x | goals told; goal vectors reached; each where the buffer has them |
+//! | 8 | checksum of the goals |
+//! | (S + E) x | frames, episode by episode |
+//! | 8 | checksum of the frames |
+//!
+//! Version 1 has no list of actions: a number says from which action on they are the interactions.
+
+mod header;
+
+use std::path::Path;
+
+use self::header::{Header, lie, number, word};
+use crate::buffer::config::{Backing, EpisodeConfig};
+use crate::buffer::episode::{Episode, Opening};
+use crate::buffer::episodes::EpisodeBuffer;
+use crate::outcome::Outcome;
+use crate::storage::files::{MAX_SIZE, Reader, Writer, replace};
+use crate::storage::slab::Slab;
+use vhs_base::check::{check_finite, check_labels};
+#[cfg(doc)]
+use vhs_base::error::Error;
+use vhs_base::error::Result;
+
+/// Set in an episode's third word where its last step ended the task.
+const TERMINATED: u64 = 256;
+impl EpisodeBuffer {
+    /// Writes the finished episodes and the generator to `path`, as a goal store is: to a temporary file
+    /// beside it, synced, then renamed over it.
+    ///
+    /// Open episodes are not part of the file: they belong to environments that are running now. A loaded
+    /// buffer has idle streams.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a shape of more than 64 dimensions, [`Error::Io`]; the file at `path` is then
+    /// as it was, or new and whole where only its directory could not be synced.
+    pub fn save(&self, path: &Path) -> Result<()> {
+        replace(path, |file| write(self, file))
+    }
+
+    /// Reads a buffer that `save` wrote: episodes, their ids, and the generator.
+    ///
+    /// ```
+    /// use vhs_core::config::Backing;
+    /// use vhs_core::episodes::{EpisodeBuffer, EpisodeConfig, Steps};
+    /// use vhs_core::outcome::Outcome;
+    /// # let mut buffer = EpisodeBuffer::new(EpisodeConfig {
+    /// #     frame_shape: vec![2], max_episode_steps: 20, capacity_steps: 100, ..EpisodeConfig::default()
+    /// # })?;
+    /// # buffer.begin(0, &[10, 11], 0, 0)?;
+    /// # let (streams, actions, rewards, values) = (&[0], &[2], &[-1.0], &[0.5]);
+    /// # buffer.append(Steps { streams, actions, rewards, values, frames: &[20, 21], ..Steps::default() })?;
+    /// # buffer.finish(0, Outcome::Failure)?;
+    /// let path = std::env::temp_dir().join("documented.episodes");
+    /// buffer.save(&path)?;
+    /// let mut loaded = EpisodeBuffer::load(&path, Backing::Memory)?;
+    /// assert_eq!(loaded.sample(4, None)?, buffer.sample(4, None)?);
+    /// # std::fs::remove_file(&path).expect("our own file");
+    /// # Ok::<(), vhs_core::error::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Memory`], and [`Error::Damaged`] for a file of another kind or
+    /// version, cut short or altered.
+    pub fn load(path: &Path, backing: Backing) -> Result<Self> {
+        read(path, &Loading::Read(backing))
+    }
+
+    /// As [`EpisodeBuffer::load`] into memory, at once: frames stay in the file until they are first drawn,
+    /// and are not checked; [`EpisodeBuffer::verify`] does that. New frames go to memory, never to the file.
+    ///
+    /// # Errors
+    /// As [`EpisodeBuffer::load`], except that altered frames go unnoticed.
+    ///
+    /// # Safety
+    /// As long as the buffer lives nobody edits the file in place or cuts it short, which `save` never does.
+    pub unsafe fn map(path: &Path) -> Result<Self> {
+        read(path, &Loading::Map)
+    }
+
+    /// Compares every checksum of a saved buffer, without keeping frames in memory.
+    ///
+    /// # Errors
+    /// [`Error::Io`] and [`Error::Damaged`].
+    pub fn verify(path: &Path) -> Result<()> {
+        verify(path)
+    }
+}
+
+/// Writes a buffer.
+fn write(buffer: &EpisodeBuffer, file: &mut Writer<'_>) -> Result<()> {
+    header::write(buffer, file)?;
+    let episodes = || buffer.finished.iter();
+    for episode in episodes() {
+        let ended = episode.outcome as u64 + if episode.is_terminated { TERMINATED } else { 0 };
+        let (goal, interaction) = (word(episode.goal), word(episode.interaction));
+        file.put_words([goal, interaction, ended, episode.len() as u64])?;
+    }
+    for episode in episodes() {
+        file.put_words(episode.actions.iter().map(|&action| word(action)))?;
+    }
+    for numbers in [
+        |episode: &Episode| episode.vectors.clone(),
+        |episode: &Episode| episode.rewards.clone(),
+        |episode: &Episode| episode.values.clone(),
+    ] {
+        for episode in episodes() {
+            let numbers = numbers(episode);
+            numbers
+                .iter()
+                .try_for_each(|number| file.put(&number.to_le_bytes()))?;
+        }
+    }
+    file.put_checksum()?;
+    file.put_padding()?;
+    for episode in episodes() {
+        file.put(&episode.desired)?;
+    }
+    if buffer.config.vector_bytes().is_some() {
+        write_records(buffer, &buffer.achieved, file)?;
+    }
+    file.put_checksum()?;
+    write_records(buffer, &buffer.slab, file)?;
+    file.put_checksum()
+}
+
+fn write_records(buffer: &EpisodeBuffer, slab: &Slab, file: &mut Writer<'_>) -> Result<()> {
+    let mut slots = buffer.finished.iter().flat_map(|episode| &episode.frames);
+    slots.try_for_each(|&slot| file.put(slab.get(slot)))
+}
+
+/// How a file is read.
+#[derive(PartialEq, Eq)]
+enum Loading {
+    /// All of it, now, every checksum compared.
+    Read(Backing),
+    /// Frames stay in the file until they are asked for, and are not checked.
+    Map,
+}
+
+/// Reads a buffer.
+fn read(path: &Path, loading: &Loading) -> Result<EpisodeBuffer> {
+    let mut reader = Reader::open(path)?;
+    let (mut buffer, header) = read_steps(&mut reader, loading)?;
+    let (rows, frame_bytes) = (header.rows(), header.config.frame_bytes());
+    if *loading == Loading::Map {
+        let most = 2 * header.config.capacity_steps + header.config.num_streams;
+        buffer.slab = reader.mapped(frame_bytes, rows, most)?;
+        return Ok(buffer);
+    }
+    reader.records(&mut buffer.slab, frame_bytes, rows)?;
+    reader.expect_checksum("checksum of the frames")?;
+    Ok(buffer)
+}
+
+/// Reads a buffer, but takes its frames in only for their checksum.
+fn verify(path: &Path) -> Result<()> {
+    let mut reader = Reader::open(path)?;
+    let (_, header) = read_steps(&mut reader, &Loading::Map)?;
+    // The length of the file, which holds so many bytes, was compared before.
+    reader.skim(header.rows() * header.config.frame_bytes())?;
+    reader.expect_checksum("checksum of the frames")
+}
+
+/// Everything but the frames.
+fn read_steps(reader: &mut Reader<'_>, loading: &Loading) -> Result<(EpisodeBuffer, Header)> {
+    let header = Header::read(reader)?;
+    let mut config = header.config.clone();
+    if let Loading::Read(backing) = loading {
+        config.backing = backing.clone();
+    }
+    let episodes = read_episodes(reader, &header)?;
+    reader.expect_checksum("checksum of the header")?;
+    reader.padding(header.bytes().unwrap_or(MAX_SIZE).next_multiple_of(4096))?;
+    let mut buffer = EpisodeBuffer::new(config)?;
+    buffer.rng = header.rng.clone();
+    buffer.next_id = header.next_id;
+    buffer.finished_steps = header.finished_steps - header.steps as u64;
+    buffer.steps = header.steps;
+    for mut episode in episodes {
+        episode.desired = reader.bytes(header.config.desired_bytes())?.into();
+        buffer.steps_before.push_back(buffer.finished_steps);
+        buffer.finished_steps += episode.len() as u64;
+        buffer.finished.push_back(episode);
+    }
+    if let Some(bytes) = header.config.vector_bytes() {
+        reader.records(&mut buffer.achieved, bytes, header.rows())?;
+    }
+    reader.expect_checksum("checksum of the goals")?;
+    Ok((buffer, header))
+}
+
+fn read_episodes(reader: &mut Reader<'_>, header: &Header) -> Result<Vec<Episode>> {
+    let config = &header.config;
+    let words = reader.words(4 * header.episodes)?;
+    let mut episodes = Vec::new();
+    let (mut rows, mut steps) = (0, 0_usize);
+    for &[goal, interaction, ended, length] in words.as_chunks().0 {
+        let length = reader.number("steps of an episode", length, 1, config.max_episode_steps)?;
+        // Compared before an episode takes memory for its frames: together they fit the file.
+        steps = steps.saturating_add(length);
+        if steps > header.steps {
+            break;
+        }
+        let opening = Opening {
+            goal: number(goal),
+            interaction: number(interaction),
+            ..Opening::default()
+        };
+        let mut episode = Episode::new(&opening, rows, 0);
+        episode.outcome = Outcome::from_code(number(ended & (TERMINATED - 1)))
+            .map_err(|error| lie(reader, &error))?;
+        reader.number("end of an episode", ended >> 8, 0, 1)?;
+        episode.is_terminated = ended & TERMINATED != 0;
+        episode.frames = (rows..=rows + length).collect();
+        rows += length + 1;
+        episodes.push(episode);
+    }
+    reader.expect("steps", &header.steps.to_string(), &steps.to_string())?;
+    read_arrays(reader, config, &mut episodes)?;
+    for episode in &episodes {
+        check_episode(config, episode).map_err(|error| lie(reader, &error))?;
+    }
+    Ok(episodes)
+}
+
+fn read_arrays(
+    reader: &mut Reader<'_>,
+    config: &EpisodeConfig,
+    episodes: &mut [Episode],
+) -> Result<()> {
+    let dim = config.action_dim;
+    if dim == 0 {
+        for episode in &mut *episodes {
+            let actions = reader.words(episode.frames.len() - 1)?;
+            episode.actions = actions.into_iter().map(number).collect();
+        }
+    }
+    for episode in &mut *episodes {
+        episode.vectors = reals(reader, dim * (episode.frames.len() - 1))?;
+    }
+    for episode in &mut *episodes {
+        episode.rewards = reals(reader, episode.frames.len() - 1)?;
+    }
+    for episode in &mut *episodes {
+        episode.values = reals(reader, episode.frames.len() - 1)?;
+    }
+    Ok(())
+}
+
+fn reals(reader: &mut Reader<'_>, count: usize) -> Result<Vec<f32>> {
+    let bytes = reader.bytes(4 * count)?;
+    let words = bytes.as_chunks().0.iter();
+    Ok(words.map(|&word| f32::from_le_bytes(word)).collect())
+}
+
+/// What `begin` and `append` would have refused.
+fn check_episode(config: &EpisodeConfig, episode: &Episode) -> Result<()> {
+    check_labels("goal", &[episode.goal], config.num_goals)?;
+    let interactions = config.num_interactions.max(1);
+    check_labels("interaction", &[episode.interaction], interactions)?;
+    check_labels("actions", &episode.actions, config.action_limit())?;
+    check_finite("actions", &episode.vectors)?;
+    check_finite("rewards", &episode.rewards)?;
+    check_finite("values", &episode.values)
+}
+
+#[cfg(test)]
+mod tests;

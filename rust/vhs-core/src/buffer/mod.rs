@@ -1,0 +1,11 @@
+//! Whole episodes of many environments, and what a learner takes out of them.
+
+pub mod batch;
+pub mod config;
+pub mod episode;
+pub mod episodes;
+pub mod picks;
+pub mod transitions;
+pub mod windows;
+
+mod file;

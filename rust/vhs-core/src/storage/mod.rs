@@ -1,0 +1,8 @@
+//! Bytes: where records lie, how they are copied, and how files of them are read and written.
+
+pub(crate) mod checksum;
+pub(crate) mod files;
+pub(crate) mod memory;
+pub mod pool;
+pub(crate) mod slab;
+pub(crate) mod stacking;

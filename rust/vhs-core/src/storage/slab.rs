@@ -1,0 +1,235 @@
+//! Fixed-size byte records in memory that grows as it fills and never moves a full block.
+//!
+//! Records are numbered 0..len. The first ones lie in a *start* block: about a megabyte of heap that doubles
+//! as it fills, so that a structure of many small, nearly empty slabs stays small; or the mapped records of a
+//! loaded file. The others lie in mapped *chunks* in huge pages, or in a scratch file.
+
+use std::fs::File;
+use std::io;
+use std::sync::Arc;
+
+use crate::storage::memory::{Block, HUGE_PAGE};
+use vhs_base::error::{Error, Result};
+
+/// Bytes of the start block of a slab in memory, unless one record is larger.
+const START_BYTES: usize = 1 << 20;
+/// Bytes of a chunk, unless one record is larger. Large, for each is a mapping and systems allow some 65,000.
+const CHUNK_BYTES: usize = 32 << 20;
+
+/// Where chunks come from.
+#[derive(Clone, Debug)]
+pub(crate) enum Source {
+    Memory,
+    /// A file that nothing else writes to, cut into chunks.
+    Scratch(Arc<File>),
+}
+
+/// See the module documentation.
+#[derive(Debug)]
+pub(crate) struct Slab {
+    /// Bytes of one record, at least 1.
+    record_bytes: usize,
+    start: Block,
+    /// Records that the start block can hold.
+    start_records: usize,
+    /// Bytes of a chunk: a multiple of a huge page.
+    chunk_bytes: usize,
+    /// Records in a chunk, at least 1.
+    per_chunk: usize,
+    chunks: Vec<Block>,
+    /// Records stored.
+    len: usize,
+    source: Source,
+}
+
+impl Slab {
+    /// An empty slab that will hold at most `capacity` records.
+    pub(crate) fn new(record_bytes: usize, capacity: usize, source: Source) -> Self {
+        let start_records = match source {
+            Source::Memory => (START_BYTES / record_bytes).max(1),
+            Source::Scratch(_) => 0,
+        };
+        Self::with_start(
+            record_bytes,
+            capacity,
+            source,
+            Block::Heap(Vec::new()),
+            start_records,
+        )
+    }
+
+    /// A slab whose first `count` records lie in a mapped part of a file already.
+    pub(crate) fn mapped(record_bytes: usize, capacity: usize, start: Block, count: usize) -> Self {
+        let mut slab = Self::with_start(record_bytes, capacity, Source::Memory, start, count);
+        slab.len = count;
+        slab
+    }
+
+    fn with_start(
+        record_bytes: usize,
+        capacity: usize,
+        source: Source,
+        start: Block,
+        start_records: usize,
+    ) -> Self {
+        let beyond = capacity.saturating_sub(start_records);
+        let wanted = beyond.saturating_mul(record_bytes).min(CHUNK_BYTES);
+        let chunk_bytes = wanted
+            .max(record_bytes)
+            .checked_next_multiple_of(HUGE_PAGE)
+            .unwrap_or(record_bytes);
+        Self {
+            record_bytes,
+            start,
+            start_records,
+            chunk_bytes,
+            per_chunk: chunk_bytes / record_bytes,
+            chunks: Vec::new(),
+            len: 0,
+            source,
+        }
+    }
+
+    pub(crate) const fn len(&self) -> usize {
+        self.len
+    }
+
+    /// Bytes set aside for records: those of the heap, and the pages of chunks that are in use.
+    pub(crate) fn allocated_bytes(&self) -> usize {
+        let start = match &self.start {
+            Block::Heap(items) => items.capacity(),
+            Block::Mapped(map) => map.len(),
+        };
+        let chunks = (0..self.chunks.len()).map(|chunk| {
+            let used = self.chunk_len(chunk) * self.record_bytes;
+            used.next_multiple_of(HUGE_PAGE).min(self.chunk_bytes)
+        });
+        start + chunks.sum::<usize>()
+    }
+
+    /// The bytes of record `index`, which must be below `len`.
+    pub(crate) fn get(&self, index: usize) -> &[u8] {
+        let (block, start) = match self.place(index) {
+            (None, start) => (&self.start, start),
+            (Some(chunk), start) => (&self.chunks[chunk], start),
+        };
+        &block.bytes()[start..start + self.record_bytes]
+    }
+
+    /// Makes room for `count` more records, so that as many `put`s after the last cannot fail.
+    pub(crate) fn reserve(&mut self, count: usize) -> Result<()> {
+        let end = self.len + count;
+        self.reserve_start(end.min(self.start_records))?;
+        let chunks = end
+            .saturating_sub(self.start_records)
+            .div_ceil(self.per_chunk);
+        while self.chunks.len() < chunks {
+            let chunk = self.new_chunk().map_err(|source| self.refused(source))?;
+            self.chunks.push(chunk);
+        }
+        Ok(())
+    }
+
+    /// Writes a record over the one at `index` or, where `index` is `len`, after the last.
+    pub(crate) fn put(&mut self, index: usize, record: &[u8]) -> Result<()> {
+        if index == self.len {
+            self.reserve(1)?;
+        }
+        let (chunk, start) = self.place(index);
+        let block = match chunk {
+            None => &mut self.start,
+            Some(chunk) => &mut self.chunks[chunk],
+        };
+        match block {
+            Block::Heap(items) if index == self.len => items.extend_from_slice(record),
+            block => {
+                block.bytes_mut()[start..start + self.record_bytes].copy_from_slice(record);
+            }
+        }
+        self.len = self.len.max(index + 1);
+        Ok(())
+    }
+
+    /// The stored bytes in order of their number, in pieces of at most a block.
+    pub(crate) fn pieces(&self) -> impl Iterator<Item = &[u8]> {
+        let start = self.len.min(self.start_records) * self.record_bytes;
+        let chunks = self.chunks.iter().enumerate();
+        std::iter::once(&self.start.bytes()[..start]).chain(
+            chunks
+                .map(|(chunk, block)| &block.bytes()[..self.chunk_len(chunk) * self.record_bytes]),
+        )
+    }
+
+    /// Chunk (None: the start block) and first byte of a record.
+    const fn place(&self, index: usize) -> (Option<usize>, usize) {
+        match index.checked_sub(self.start_records) {
+            None => (None, index * self.record_bytes),
+            Some(index) => (
+                Some(index / self.per_chunk),
+                index % self.per_chunk * self.record_bytes,
+            ),
+        }
+    }
+
+    /// Records stored in a chunk.
+    fn chunk_len(&self, chunk: usize) -> usize {
+        let before = self.start_records + chunk * self.per_chunk;
+        self.len.saturating_sub(before).min(self.per_chunk)
+    }
+
+    /// Lets the start block hold `records` in all.
+    fn reserve_start(&mut self, records: usize) -> Result<()> {
+        let (bytes, limit) = (
+            records * self.record_bytes,
+            self.start_records * self.record_bytes,
+        );
+        let Block::Heap(items) = &mut self.start else {
+            return Ok(());
+        };
+        if items.capacity() < bytes {
+            let wanted = (2 * items.capacity()).clamp(bytes, limit) - items.len();
+            items
+                .try_reserve_exact(wanted)
+                .map_err(|_| memory(wanted))?;
+        }
+        Ok(())
+    }
+
+    fn new_chunk(&self) -> io::Result<Block> {
+        match &self.source {
+            Source::Memory => Block::anonymous(self.chunk_bytes),
+            Source::Scratch(file) => {
+                Block::of_scratch(file, self.chunks.len() * self.chunk_bytes, self.chunk_bytes)
+            }
+        }
+    }
+
+    fn refused(&self, source: io::Error) -> Error {
+        match self.source {
+            Source::Memory => memory(self.chunk_bytes),
+            Source::Scratch(_) => Error::Io {
+                path: "the backing file".into(),
+                call: "grow",
+                source,
+            },
+        }
+    }
+}
+
+/// Copies the parts one after the other; together they must be as long as `out`, or shorter.
+///
+/// Plain copies: stores that bypass the cache were measured at 0.93 of them on the same bytes.
+pub(crate) fn copy_parts<'a>(parts: impl Iterator<Item = &'a [u8]>, mut out: &mut [u8]) {
+    for part in parts {
+        let (here, rest) = out.split_at_mut(part.len());
+        here.copy_from_slice(part);
+        out = rest;
+    }
+}
+
+fn memory(bytes: usize) -> Error {
+    Error::Memory {
+        place: "image storage",
+        bytes,
+    }
+}

@@ -1,0 +1,469 @@
+//! The methods of `vhs.EpisodeBuffer`: arguments in, a call of the core, arrays out.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use numpy::PyArrayDyn;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyTuple};
+use vhs_base::error::Error;
+use vhs_core::episodes::{self as core, Backing, EpisodeConfig, Item, Opening, Steps};
+use vhs_core::windows::WindowShape;
+
+use super::arguments::{Actions, backing, goal_bytes, goal_kind, interactions, layout};
+use super::{EpisodeBuffer, stacking};
+use crate::arrays::{
+    checked, integer, integer_vec, into_array, real_vec, rng_from_state, rows, seed, shape, size,
+    slice,
+};
+use crate::batch::EpisodeBatch;
+use crate::bytes::{filled_bytes, item, item_name};
+use crate::error::{no_pickle, to_py};
+use crate::hindsight::{Reward, hindsight_rule, refuse_without_strategy};
+use crate::relabel::{outcome, rule};
+use crate::transitions::{TransitionBatch, WindowBatch};
+
+#[pymethods]
+impl EpisodeBuffer {
+    #[new]
+    #[pyo3(signature = (frame_shape, *, num_streams, max_episode_steps, capacity_steps, frame_stack=None,
+                        stacking="frames", num_goals=None, num_actions=None, interactions=None,
+                        num_interactions=None, dtype=None, goals="labels", goal_shape=None, goal_dtype=None,
+                        action_dim=None, backing=None, seed=None),
+           text_signature = "(frame_shape, *, num_streams, max_episode_steps, capacity_steps, frame_stack=2, \
+                             stacking='frames', num_goals=1, num_actions=None, interactions=None, \
+                             num_interactions=None, dtype='uint8', goals='labels', goal_shape=None, \
+                             goal_dtype=None, action_dim=0, backing='memory', seed=0)")]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "keyword arguments in Python; one struct from here on"
+    )]
+    fn new(
+        frame_shape: &Bound<'_, PyAny>,
+        num_streams: &Bound<'_, PyAny>,
+        max_episode_steps: &Bound<'_, PyAny>,
+        capacity_steps: &Bound<'_, PyAny>,
+        frame_stack: Option<&Bound<'_, PyAny>>,
+        stacking: &str,
+        num_goals: Option<&Bound<'_, PyAny>>,
+        num_actions: Option<&Bound<'_, PyAny>>,
+        interactions: Option<&Bound<'_, PyAny>>,
+        num_interactions: Option<&Bound<'_, PyAny>>,
+        dtype: Option<&Bound<'_, PyAny>>,
+        goals: &str,
+        goal_shape: Option<&Bound<'_, PyAny>>,
+        goal_dtype: Option<&Bound<'_, PyAny>>,
+        action_dim: Option<&Bound<'_, PyAny>>,
+        backing: Option<&Bound<'_, PyAny>>,
+        seed: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let or = |default: usize, field, argument: Option<&Bound<'_, PyAny>>| {
+            argument.map_or(Ok(default), |argument| size(field, argument))
+        };
+        let (num_interactions, interactions) = self::interactions(interactions, num_interactions)?;
+        let config = EpisodeConfig {
+            frame_shape: shape("frame_shape", frame_shape)?,
+            frame_item: dtype.map_or(Ok(Item::U8), |dtype| item("dtype", dtype))?,
+            num_streams: size("num_streams", num_streams)?,
+            max_episode_steps: size("max_episode_steps", max_episode_steps)?,
+            capacity_steps: size("capacity_steps", capacity_steps)?,
+            frame_stack: or(2, "frame_stack", frame_stack)?,
+            stacking: self::stacking(stacking)?,
+            goal_kind: goal_kind(goals, goal_shape, goal_dtype)?,
+            num_goals: or(1, "num_goals", num_goals)?,
+            num_actions: num_actions
+                .map(|number| size("num_actions", number))
+                .transpose()?,
+            num_interactions,
+            interactions,
+            action_dim: or(0, "action_dim", action_dim)?,
+            seed: seed.map_or(Ok(0), self::seed)?,
+            backing: self::backing(backing)?,
+        };
+        checked(core::EpisodeBuffer::new(config)).map(Self::from)
+    }
+
+    #[doc = stub!("EpisodeBuffer.begin")]
+    #[pyo3(signature = (stream, frame, goal=None, interaction=None, *, desired_goal=None, achieved_goal=None),
+           text_signature = "($self, stream, frame, goal=0, interaction=0, *, desired_goal=None, achieved_goal=None)")]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
+    fn begin(
+        &self,
+        py: Python<'_>,
+        stream: &Bound<'_, PyAny>,
+        frame: &Bound<'_, PyAny>,
+        goal: Option<&Bound<'_, PyAny>>,
+        interaction: Option<&Bound<'_, PyAny>>,
+        desired_goal: Option<&Bound<'_, PyAny>>,
+        achieved_goal: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<()> {
+        let (stream, frame) = (
+            integer("stream", stream)?,
+            self.frames("frame", frame, &[])?,
+        );
+        let desired = self.desired_as_bytes("desired_goal", desired_goal, &[])?;
+        let achieved = self.achieved_as_bytes("achieved_goal", achieved_goal, &[])?;
+        let opening = Opening {
+            frame: slice(&frame),
+            goal: goal.map_or(Ok(0), |goal| integer("goal", goal))?,
+            interaction: interaction.map_or(Ok(0), |number| integer("interaction", number))?,
+            desired: goal_bytes(desired.as_ref()),
+            achieved: goal_bytes(achieved.as_ref()),
+        };
+        self.write_briefly(py, |buffer| buffer.begin_with(stream, opening))
+    }
+
+    #[doc = stub!("EpisodeBuffer.append")]
+    #[pyo3(signature = (stream, action, reward, value, frame, *, achieved_goal=None))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
+    fn append(
+        &self,
+        py: Python<'_>,
+        stream: &Bound<'_, PyAny>,
+        action: &Bound<'_, PyAny>,
+        reward: f32,
+        value: Option<f32>,
+        frame: &Bound<'_, PyAny>,
+        achieved_goal: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<()> {
+        let stream = integer("stream", stream)?;
+        let action = match self.config().action_dim {
+            0 => Actions::Number([integer("action", action)?]),
+            _ => self.actions(action, &[])?,
+        };
+        let frame = self.frames("frame", frame, &[])?;
+        let achieved = self.achieved_as_bytes("achieved_goal", achieved_goal, &[])?;
+        let (actions, vectors) = action.parts();
+        let steps = Steps {
+            streams: &[stream],
+            actions,
+            vectors,
+            rewards: &[reward],
+            values: &[value.unwrap_or_default()],
+            frames: slice(&frame),
+            achieved: goal_bytes(achieved.as_ref()),
+        };
+        self.write_briefly(py, |buffer| buffer.append(steps))
+    }
+
+    #[doc = stub!("EpisodeBuffer.append_batch")]
+    #[pyo3(signature = (streams, actions, rewards, values, frames, *, achieved_goals=None))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
+    fn append_batch(
+        &self,
+        py: Python<'_>,
+        streams: &Bound<'_, PyAny>,
+        actions: &Bound<'_, PyAny>,
+        rewards: &Bound<'_, PyAny>,
+        values: Option<&Bound<'_, PyAny>>,
+        frames: &Bound<'_, PyAny>,
+        achieved_goals: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<()> {
+        let streams = integer_vec("streams", streams)?;
+        let n = [streams.len()];
+        let actions = self.actions(actions, &n)?;
+        let rewards = real_vec("rewards", rewards)?;
+        let zeros = || Ok(vec![0.0; streams.len()]);
+        let values = values.map_or_else(zeros, |values| real_vec("values", values))?;
+        let frames = self.frames("frames", frames, &n)?;
+        let achieved = self.achieved_as_bytes("achieved_goals", achieved_goals, &n)?;
+        let (actions, vectors) = actions.parts();
+        let steps = Steps {
+            streams: &streams,
+            actions,
+            vectors,
+            rewards: &rewards,
+            values: &values,
+            frames: slice(&frames),
+            achieved: goal_bytes(achieved.as_ref()),
+        };
+        self.write(py, |buffer| buffer.append(steps))
+    }
+
+    #[doc = stub!("EpisodeBuffer.finish")]
+    #[pyo3(signature = (stream, outcome, terminated=None))]
+    fn finish(
+        &self,
+        py: Python<'_>,
+        stream: &Bound<'_, PyAny>,
+        outcome: &Bound<'_, PyAny>,
+        terminated: Option<bool>,
+    ) -> PyResult<i64> {
+        let (stream, outcome) = (integer("stream", stream)?, self::outcome(outcome)?);
+        self.write_briefly(py, |buffer| match terminated {
+            None => buffer.finish(stream, outcome),
+            Some(terminated) => buffer.finish_with(stream, outcome, terminated),
+        })
+    }
+
+    #[doc = stub!("EpisodeBuffer.abort")]
+    fn abort(&self, py: Python<'_>, stream: &Bound<'_, PyAny>) -> PyResult<()> {
+        let stream = integer("stream", stream)?;
+        self.write(py, |buffer| buffer.abort(stream))
+    }
+
+    #[doc = stub!("EpisodeBuffer.observe")]
+    #[pyo3(signature = (streams=None, *, out=None))]
+    fn observe<'py>(
+        &self,
+        py: Python<'py>,
+        streams: Option<&Bound<'py, PyAny>>,
+        out: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let streams = self.all_streams(streams)?;
+        let fresh = || self.read(py, |buffer| Ok((buffer.observe(&streams)?, ())));
+        let into = |out: &mut [u8]| self.read(py, |buffer| buffer.observe_into(&streams, out));
+        let shape = rows(streams.len(), &self.config().observation_shape());
+        Ok(filled_bytes(py, out, self.config().frame_item, &shape, fresh, into)?.0)
+    }
+
+    #[doc = stub!("EpisodeBuffer.gather")]
+    #[pyo3(signature = (ids, *, padded=false, out=None))]
+    fn gather<'py>(
+        &self,
+        py: Python<'py>,
+        ids: &Bound<'py, PyAny>,
+        padded: bool,
+        out: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<EpisodeBatch> {
+        self.gather_batch(py, &integer_vec("ids", ids)?, out, layout(padded))
+    }
+
+    #[doc = stub!("EpisodeBuffer.sample_episodes")]
+    #[pyo3(signature = (n, relabel=None, probability=None, on=None, *, padded=false, out=None),
+           text_signature = "($self, n, relabel=None, probability=1.0, on=None, *, padded=False, out=None)")]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
+    fn sample_episodes(
+        &self,
+        py: Python<'_>,
+        n: &Bound<'_, PyAny>,
+        relabel: Option<&str>,
+        probability: Option<f64>,
+        on: Option<&Bound<'_, PyAny>>,
+        padded: bool,
+        out: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<EpisodeBatch> {
+        if relabel.is_none() {
+            refuse_without_strategy(&[
+                ("probability", probability.is_some()),
+                ("on", on.is_some()),
+            ])?;
+        }
+        let probability = probability.unwrap_or(1.0);
+        let rule = relabel.map(|strategy| rule(strategy, on, probability));
+        let rule = rule.transpose()?;
+        self.sample_batch(py, size("n", n)?, rule.as_ref(), layout(padded), out)
+    }
+
+    #[doc = stub!("EpisodeBuffer.sample_transitions")]
+    #[pyo3(signature = (n, relabel=None, *, probability=None, ratio=None, on=None, reward=None, out=None))]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
+    fn sample_transitions(
+        &self,
+        py: Python<'_>,
+        n: &Bound<'_, PyAny>,
+        relabel: Option<&str>,
+        probability: Option<f64>,
+        ratio: Option<&Bound<'_, PyAny>>,
+        on: Option<&Bound<'_, PyAny>>,
+        reward: Option<&Bound<'_, PyAny>>,
+        out: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<TransitionBatch> {
+        let rule = hindsight_rule(relabel, probability, ratio, on, reward)?;
+        let reward = Reward::from_argument(reward)?;
+        self.transitions(py, size("n", n)?, rule.as_ref(), &reward, out)
+    }
+
+    #[doc = stub!("EpisodeBuffer.sample_windows")]
+    #[pyo3(signature = (n, length, burn_in=None, relabel=None, *, probability=None, ratio=None, on=None,
+                        reward=None, out=None),
+           text_signature = "($self, n, length, burn_in=0, relabel=None, *, probability=None, ratio=None, \
+                             on=None, reward=None, out=None)")]
+    #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
+    fn sample_windows(
+        &self,
+        py: Python<'_>,
+        n: &Bound<'_, PyAny>,
+        length: &Bound<'_, PyAny>,
+        burn_in: Option<&Bound<'_, PyAny>>,
+        relabel: Option<&str>,
+        probability: Option<f64>,
+        ratio: Option<&Bound<'_, PyAny>>,
+        on: Option<&Bound<'_, PyAny>>,
+        reward: Option<&Bound<'_, PyAny>>,
+        out: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<WindowBatch> {
+        let rule = hindsight_rule(relabel, probability, ratio, on, reward)?;
+        let reward = Reward::from_argument(reward)?;
+        let window = WindowShape {
+            length: size("length", length)?,
+            burn_in: burn_in.map_or(Ok(0), |burn_in| size("burn_in", burn_in))?,
+        };
+        self.windows(py, size("n", n)?, window, rule.as_ref(), &reward, out)
+    }
+
+    #[doc = stub!("EpisodeBuffer.save")]
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "made from a Python path for this call"
+    )]
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        self.write(py, |buffer| {
+            *buffer.rng_mut() = self.shared_rng().clone();
+            buffer.save(&path)
+        })
+    }
+
+    #[doc = stub!("EpisodeBuffer.load")]
+    #[staticmethod]
+    #[pyo3(signature = (path, *, mmap=false, backing=None),
+           text_signature = "(path, *, mmap=False, backing='memory')")]
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "made from a Python path for this call"
+    )]
+    fn load(
+        py: Python<'_>,
+        path: PathBuf,
+        mmap: bool,
+        backing: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let backing = self::backing(backing)?;
+        if mmap && backing != Backing::Memory {
+            return Err(to_py(Error::Argument {
+                field: "backing",
+                expected: "\"memory\" where mmap is true".into(),
+                got: "a file".into(),
+            }));
+        }
+        let loaded = py.detach(|| {
+            if mmap {
+                // SAFETY: the stub passes the condition on to the caller.
+                unsafe { core::EpisodeBuffer::map(&path) }
+            } else {
+                core::EpisodeBuffer::load(&path, backing)
+            }
+        });
+        checked(loaded).map(Self::from)
+    }
+
+    #[doc = stub!("EpisodeBuffer.verify")]
+    #[staticmethod]
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "made from a Python path for this call"
+    )]
+    fn verify(py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        checked(py.detach(|| core::EpisodeBuffer::verify(&path)))
+    }
+
+    #[doc = stub!("EpisodeBuffer.rng_state")]
+    #[getter]
+    fn rng_state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<u64>>> {
+        let state = self.shared_rng().state();
+        into_array(py, state.to_vec(), &[4])
+    }
+
+    #[setter]
+    fn set_rng_state(&self, state: &Bound<'_, PyAny>) -> PyResult<()> {
+        *self.shared_rng() = rng_from_state("rng_state", state)?;
+        Ok(())
+    }
+
+    #[expect(clippy::unused_self, reason = "called on an object")]
+    fn __reduce__(&self) -> PyResult<()> {
+        Err(no_pickle("EpisodeBuffer"))
+    }
+
+    #[doc = stub!("EpisodeBuffer.ids")]
+    #[getter]
+    fn ids<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<i64>>> {
+        let ids: Vec<i64> = self.with_buffer(py, |buffer| buffer.ids().collect());
+        let shape = [ids.len()];
+        into_array(py, ids, &shape)
+    }
+
+    #[doc = stub!("EpisodeBuffer.open")]
+    #[getter]
+    fn open<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
+        let open = self.with_buffer(py, |buffer| {
+            buffer.open_episodes().map(|e| e.is_some()).collect()
+        });
+        into_array(py, open, &[self.config().num_streams])
+    }
+
+    #[doc = stub!("EpisodeBuffer.num_steps")]
+    #[getter]
+    fn num_steps(&self, py: Python<'_>) -> usize {
+        self.with_buffer(py, core::EpisodeBuffer::num_steps)
+    }
+
+    #[doc = stub!("EpisodeBuffer.nbytes")]
+    #[getter]
+    fn nbytes(&self, py: Python<'_>) -> usize {
+        self.with_buffer(py, core::EpisodeBuffer::allocated_bytes)
+    }
+
+    #[doc = stub!("EpisodeBuffer.frame_shape")]
+    #[getter]
+    fn frame_shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        PyTuple::new(py, &self.config().frame_shape)
+    }
+
+    #[doc = stub!("EpisodeBuffer.observation_shape")]
+    #[getter]
+    fn observation_shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        PyTuple::new(py, self.config().observation_shape())
+    }
+
+    #[doc = stub!("EpisodeBuffer.dtype")]
+    #[getter]
+    fn dtype<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        py.import("numpy")?
+            .call_method1("dtype", (item_name(self.config().frame_item),))
+    }
+
+    #[doc = stub!("EpisodeBuffer.goals")]
+    #[getter]
+    fn goals(&self) -> &'static str {
+        self.goal_word()
+    }
+
+    #[doc = stub!("EpisodeBuffer.goal_shape")]
+    #[getter]
+    fn goal_shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        PyTuple::new(py, self.goal_array().0)
+    }
+
+    #[doc = stub!("EpisodeBuffer.goal_dtype")]
+    #[getter]
+    fn goal_dtype<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let name = item_name(self.goal_array().1);
+        py.import("numpy")?.call_method1("dtype", (name,))
+    }
+
+    #[doc = stub!("EpisodeBuffer.stacking")]
+    #[getter(stacking)]
+    fn stacking_getter(&self) -> &'static str {
+        self.stacking_word()
+    }
+
+    #[doc = stub!("EpisodeBuffer.interactions")]
+    #[getter(interactions)]
+    fn interactions_getter(&self) -> BTreeMap<i64, i64> {
+        self.config().interactions.clone()
+    }
+
+    #[doc = stub!("EpisodeBuffer.__len__")]
+    fn __len__(&self, py: Python<'_>) -> usize {
+        self.with_buffer(py, core::EpisodeBuffer::len)
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> String {
+        let (len, steps) = self.with_buffer(py, |buffer| (buffer.len(), buffer.num_steps()));
+        format!(
+            "EpisodeBuffer({len} episodes, {steps} of {} steps)",
+            self.config().capacity_steps
+        )
+    }
+}
