@@ -69,6 +69,7 @@ def command(*arguments: str | bytes, **how: object) -> subprocess.CompletedProce
     )
 
 
+@pytest.mark.slow
 @linux
 def test_a_full_output_ends_no_training_and_a_lost_result_is_said(tmp_path: Path) -> None:
     run = str(tmp_path / "run")
@@ -81,6 +82,7 @@ def test_a_full_output_ends_no_training_and_a_lost_result_is_said(tmp_path: Path
     assert len(json.loads((tmp_path / "run" / "eval.json").read_text())) == 1, "recorded before it was told"
 
 
+@pytest.mark.slow
 @linux
 def test_a_terminal_that_is_closed_ends_no_training(tmp_path: Path) -> None:
     import pty
@@ -96,6 +98,7 @@ def test_a_terminal_that_is_closed_ends_no_training(tmp_path: Path) -> None:
     assert (tmp_path / "run" / "checkpoints" / "episode-000000004").is_dir()
 
 
+@pytest.mark.slow
 @linux
 def test_a_run_may_be_called_anything(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = os.path.join(os.fsencode(tmp_path), b"caf\xe9 [/x] [bold] :smile:")
