@@ -164,6 +164,23 @@ def test_a_run_of_a_device_that_is_not_here_acts_on_the_cpu(tmp_path: Path, run:
     assert not loaded.agent.training
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [("gamma: 0.95", "gamma: 0.94", "train.gamma"), ("renderer: raster", "renderer: mujoco", "env.renderer")],
+)
+def test_a_configuration_that_changed_since_the_checkpoint_is_refused(
+    old: str, new: str, key: str, run: Path, tmp_path: Path
+) -> None:
+    copy = shutil.copytree(run, tmp_path / "run")
+    text = (copy / "config.yaml").read_text()
+    assert old in text
+    (copy / "config.yaml").write_text(text.replace(old, new))
+    with pytest.raises(
+        CheckpointError, match=rf"config\.yaml: has other values of {key} than the checkpoint"
+    ):
+        load_agent(copy)
+
+
 def truncate(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-100])
 

@@ -19,7 +19,7 @@ from vhs.learning.goals import ClassGoals, make_goals
 from vhs.models import GoalAgent, make_agent
 from vhs.runs.agent_file import check_limits, read_agent
 from vhs.runs.checkpoint import fitting, load_checkpoint
-from vhs.runs.directory import AGENT_NAME, is_exported, read_config
+from vhs.runs.directory import AGENT_NAME, check_settings, is_exported, read_config
 from vhs.task import Task, TaskSpec
 
 
@@ -104,6 +104,7 @@ def load_agent(path: Path | str, task: Task | None = None) -> Policy:
     policy.agent.eval()
     state, store = load_checkpoint(path)
     with fitting(path):
+        check_settings(path, config, state["settings"])
         policy.agent.load_state_dict(state["learner"]["agent"])
         policy.goals.load_state_dict(state["learner"]["prototypes"])
         episodes = int(state["progress"]["episodes"])

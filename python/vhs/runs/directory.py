@@ -8,7 +8,7 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -145,6 +145,30 @@ def read_config(run: Path) -> Config:
 def is_exported(path: Path) -> bool:
     """Whether a directory holds an exported agent instead of a run."""
     return (path / AGENT_NAME).exists()
+
+
+def fixed_settings(config: Config) -> dict[str, Any]:
+    """What a run keeps for good, by dotted key: a checkpoint says it beside the weights that it made."""
+    return {key: value for key, value in flat_config(config).items() if key not in MAY_CHANGE}
+
+
+def check_settings(run: Path, config: Config, made_with: Mapping[str, Any]) -> None:
+    """Check that the configuration in a directory is the one that made the checkpoint there.
+
+    Args:
+        run: the directory.
+        config: the one in it.
+        made_with: `fixed_settings` as the checkpoint has them.
+
+    Raises:
+        CheckpointError: it has changed since; the keys are named.
+    """
+    found = fixed_settings(config)
+    changed = sorted(key for key in found.keys() & made_with.keys() if found[key] != made_with[key])
+    if changed:
+        raise CheckpointError(
+            f"{run / CONFIG_NAME}: has other values of {', '.join(changed)} than the checkpoint was made with"
+        )
 
 
 def read_meta(run: Path) -> dict[str, Any]:
