@@ -4,13 +4,67 @@ import subprocess
 import sys
 
 import gymnasium
+import numpy as np
 import pytest
 from toy import Toy, toy_task
 
-from vhs import ArgumentError, Task
+from vhs import ArgumentError, Outcome, Rng, Task, TaskSpec, relabel
+from vhs.buffer import make_buffer
 from vhs.envs.task import ROOMS, load_task
 from vhs.recorder import HindsightRecorder
 from vhs.recorder import make_buffer as recorder_buffer
+
+
+@pytest.mark.parametrize("moves", [2, 3, 5])
+def test_the_interaction_that_was_done_is_the_one_that_is_relabelled(moves: int) -> None:
+    """In the trainer's buffer and in the recorder's, however many moves come before."""
+    spec = toy_task(moves=moves).spec()
+    of_task = make_buffer(spec, capacity_steps=60)
+    of_recorder = recorder_buffer(
+        Toy(moves=moves), capacity_steps=60, max_episode_steps=6, interactions={moves: 0, moves + 1: 1}
+    )
+    for buffer in (of_task, of_recorder):
+        frame = np.zeros((16, 16, 3), np.uint8)
+        for action in (moves, moves + 1):
+            buffer.begin(0, frame, 0, 0)
+            buffer.append(0, action, 0.0, 0.0, frame)
+            buffer.finish(0, Outcome.FAILURE)
+        hindsight = relabel(buffer.gather(np.array([0, 1])), on=["failure"], probability=1.0, rng=Rng(0))
+        assert hindsight.interactions.tolist() == [0, 1]
+
+
+def test_a_spec_is_read_without_drawing_or_resetting() -> None:
+    class Untouched(Toy):
+        def reset(self, **_: object) -> tuple[dict[str, object], dict[str, object]]:
+            raise AssertionError("reset")
+
+    spec = Task(name="untouched", make=Untouched, max_steps=6, interactions={3: 0, 4: 1}).spec()
+    assert spec == TaskSpec(
+        frame_shape=(16, 16, 3),
+        num_actions=5,
+        max_episode_steps=6,
+        frame_dtype=np.dtype(np.uint8),
+        num_goals=3,
+        interactions={3: 0, 4: 1},
+        num_interactions=2,
+    )
+    assert (spec.num_interactions, dict(spec.interactions)) == (2, {3: 0, 4: 1})
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"interactions": {}}, "which action does which of the 2 interactions that toy instructs, got {}"),
+        ({"max_steps": None}, "`max_episode_steps`: expected a number, got None"),
+        ({"actions": ("left", "right")}, "`actions`: expected 5 names, one an action of toy, got 2"),
+        ({"goals": ("red",)}, "`goals`: expected 3 names, one a goal class of toy, got 1"),
+        ({"interactions": {0: 0, 5: 1}}, "`interactions`: expected actions below 5, got 5"),
+    ],
+)
+def test_what_does_not_fit_the_environment_is_refused(changes: dict[str, object], message: str) -> None:
+    fields = {"name": "toy", "make": Toy, "max_steps": 6, "interactions": {3: 0, 4: 1}} | changes
+    with pytest.raises(ArgumentError, match=message):
+        Task(**fields).spec()  # type: ignore[arg-type]
 
 
 def test_a_space_that_says_nothing_of_goals_needs_a_reader() -> None:

@@ -2,17 +2,19 @@
 //!
 //! A canvas owns every buffer that drawing needs and reuses them, so a frame allocates nothing once warm.
 
+use crate::camera::{Projection, dot64};
 use crate::cover::{Cover, NOTHING, Offset};
 use crate::error::{Error, Result, check_len};
-use crate::fill::{Colours, Fill, Job, Scratch};
-use crate::frame::{Frame, Into, Listed, SKY_REACH, is_seen_from_behind, origin_of};
+use crate::fill::{Colours, Fill, Job, Scratch, collect};
+use crate::frame::{Frame, Listed, SKY_REACH, is_seen_from_behind};
 use crate::lanes::Kind;
-use crate::light::Lamps;
-use crate::nodes::NodeCache;
-use crate::prepare::{Part, Scene};
-use crate::scene::Shape;
-use crate::shade::{Role, Shader};
-use crate::view::{Projection, View, dot64};
+use crate::light::{Choice, Lamps, MOST_LIGHTS};
+use crate::nodes::{Lighter, NodeCache, Role};
+use crate::parts::Part;
+use crate::scene::{Geom, Shape};
+use crate::shade::Shader;
+use crate::shadow::{Sample, Shade};
+use crate::view::{Effects, Shown, View};
 
 /// How edges are smoothed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -60,6 +62,10 @@ pub struct Canvas {
     plain: Option<Box<Cover>>,
     frame: Frame,
     colours: Colours,
+    /// What one light with shadows adds to them.
+    added: Option<Box<Colours>>,
+    samples: Vec<Sample>,
+    shade: Shade,
     lamps: Lamps,
     nodes: NodeCache,
     scratch: Scratch,
@@ -95,6 +101,9 @@ impl Canvas {
             plain: None,
             frame: Frame::default(),
             colours: Colours::new(h, w),
+            added: None,
+            samples: Vec::new(),
+            shade: Shade::default(),
             lamps: Lamps::default(),
             nodes: NodeCache::default(),
             scratch: Scratch::default(),
@@ -117,29 +126,21 @@ impl Canvas {
     /// Draws colours into `out`, three bytes a pixel, top row first.
     ///
     /// # Errors
-    /// [`Error::Length`] when `out` has not `3 * height * width` bytes, or `view` is one of
-    /// another scene.
-    pub fn draw(
-        &mut self,
-        scene: &Scene,
-        view: &View,
-        layout: Layout,
-        out: &mut [u8],
-    ) -> Result<()> {
+    /// [`Error::Length`] when `out` has not `3 * height * width` bytes.
+    pub fn draw(&mut self, view: &View, layout: Layout, out: &mut [u8]) -> Result<()> {
         check_len("picture bytes", 3 * self.height * self.width, out.len())?;
-        view.check_of(scene)?;
         let projection = view.projection(self.cover.height, self.cover.width);
-        self.lamps.update(scene, view, &projection);
+        self.lamps.update(view, &projection, Choice::Shadowless);
         self.nodes.start_frame();
         self.frame.clear();
         self.cover.clear(projection.depth_range);
-        self.frame
-            .draw_opaque(scene, view, &projection, &mut self.cover);
-        self.frame
-            .draw_sky(scene, view, &projection, &mut self.cover);
-        self.fill(scene, false);
-        self.blend_haze(scene, view, &projection);
-        self.blend_glass(scene, view, &projection);
+        let (frame, cover) = (&mut self.frame, &mut self.cover);
+        frame.draw_opaque(view, &projection, cover);
+        frame.draw_sky(view, &projection, cover);
+        self.fill(view, false);
+        self.add_lights_with_shadows(view, &projection);
+        self.blend_haze(view, &projection);
+        self.blend_glass(view, &projection);
         self.write_out(layout, out);
         Ok(())
     }
@@ -149,12 +150,10 @@ impl Canvas {
     /// Transparent geoms count as solid, the sky as nothing.
     ///
     /// # Errors
-    /// [`Error::Length`] when `out` has not `height * width` values, or `view` is one of
-    /// another scene.
-    pub fn draw_depth(&mut self, scene: &Scene, view: &View, out: &mut [f32]) -> Result<()> {
+    /// [`Error::Length`] when `out` has not `height * width` values.
+    pub fn draw_depth(&mut self, view: &View, out: &mut [f32]) -> Result<()> {
         check_len("depth values", self.height * self.width, out.len())?;
-        view.check_of(scene)?;
-        let projection = self.draw_solid(scene, view);
+        let projection = self.draw_solid(view);
         let cover = self.plain_cover();
         for (row, line) in out
             .chunks_exact_mut(cover.width)
@@ -170,18 +169,16 @@ impl Canvas {
     /// Writes the two numbers of the geom in every pixel; -1, -1 where there is none.
     ///
     /// # Errors
-    /// [`Error::Length`] when `out` has not `2 * height * width` values, or `view` is one of
-    /// another scene.
-    pub fn draw_tags(&mut self, scene: &Scene, view: &View, out: &mut [i32]) -> Result<()> {
+    /// [`Error::Length`] when `out` has not `2 * height * width` values.
+    pub fn draw_tags(&mut self, view: &View, out: &mut [i32]) -> Result<()> {
         check_len(
             "segmentation values",
             2 * self.height * self.width,
             out.len(),
         )?;
-        view.check_of(scene)?;
-        self.draw_solid(scene, view);
+        self.draw_solid(view);
         let tag_of = |part: u32| match self.frame.placed[part as usize].role {
-            Role::Geom(geom) => scene.spec.geoms[geom].tag,
+            Role::Geom(geom) | Role::Unlit(geom) => view.geoms[geom].geom.tag.unwrap_or([-1, -1]),
             Role::Sky | Role::Haze => [-1, -1],
         };
         let cover = self.plain_cover();
@@ -206,8 +203,8 @@ impl Canvas {
         self.plain.as_deref().unwrap_or(&self.cover)
     }
 
-    /// Draws every geom as if it were opaque, one sample a pixel, without a sky.
-    fn draw_solid(&mut self, scene: &Scene, view: &View) -> Projection {
+    /// Draws every geom with a tag as if it were opaque, one sample a pixel, without a sky.
+    fn draw_solid(&mut self, view: &View) -> Projection {
         let projection = view.projection(self.height, self.width);
         let cover = if self.antialias == Antialias::Off {
             &mut self.cover
@@ -218,39 +215,61 @@ impl Canvas {
         };
         self.frame.clear();
         cover.clear(projection.depth_range);
-        self.frame.draw_opaque(scene, view, &projection, cover);
-        let glass = std::mem::take(&mut self.frame.glass);
-        for (_, part) in &glass {
-            let is_inverted = is_seen_from_behind(scene, view, part);
-            let place = (
-                Role::Geom(part.geom),
-                part,
-                origin_of(scene, view, part),
-                &view.poses[part.geom].rotation,
-            );
-            self.frame.draw_part(
-                scene,
-                &projection,
-                place,
-                1.0,
-                is_inverted,
-                &mut Into(cover),
-            );
-        }
-        self.frame.glass = glass;
+        self.frame.draw_tagged(view, &projection, cover);
         projection
     }
 
+    /// Adds the light of all that cast shadows, one after the other.
+    fn add_lights_with_shadows(&mut self, view: &View, projection: &Projection) {
+        let lights = view.lights.iter().take(MOST_LIGHTS).enumerate();
+        let mut is_first = true;
+        for (number, light) in lights.filter(|(_, light)| view.has_shadow(light)) {
+            if std::mem::take(&mut is_first) {
+                let frame = &self.frame;
+                collect(&self.cover, &frame.drawn, &frame.edges, &mut self.samples);
+            }
+            self.shade
+                .find(view, light, projection, &self.samples, &mut self.frame);
+            self.relight(view, projection, Choice::One(number));
+            let (height, width) = (self.cover.height, self.cover.width);
+            let added = self.added.take();
+            let mut added = added.unwrap_or_else(|| Box::new(Colours::new(height, width)));
+            std::mem::swap(&mut self.colours, &mut added);
+            self.fill_with(view, false, true);
+            std::mem::swap(&mut self.colours, &mut added);
+            self.colours.add(&added);
+            self.added = Some(added);
+        }
+        if !is_first {
+            // What is transparent gets all lights and no shadows.
+            self.relight(view, projection, Choice::All);
+        }
+    }
+
+    /// Chooses other lights, and forgets what the last ones lit.
+    fn relight(&mut self, view: &View, projection: &Projection, choice: Choice) {
+        self.lamps.update(view, projection, choice);
+        self.nodes.start_frame();
+        self.frame.ready_at.clear();
+        self.frame.ready.clear();
+    }
+
     /// Colours every visible sample, or blends the listed fragments over the picture.
-    fn fill(&mut self, scene: &Scene, is_blending: bool) {
+    fn fill(&mut self, view: &View, is_blending: bool) {
+        self.fill_with(view, is_blending, false);
+    }
+
+    /// The same; visible samples that `shade` found dark stay black if `has_shade`.
+    fn fill_with(&mut self, view: &View, is_blending: bool, has_shade: bool) {
         let frame = &mut self.frame;
         self.nodes.reserve(frame.nodes);
-        let shader = Shader {
-            scene,
+        let lighter = Lighter {
+            view,
             lamps: &self.lamps,
             placed: &frame.placed,
             nodes: &mut self.nodes,
         };
+        let shader = Shader { lighter };
         let mut fill = Fill {
             cover: &self.cover,
             colours: &mut self.colours,
@@ -261,6 +280,8 @@ impl Canvas {
             edges: &mut frame.edges,
             scratch: &mut self.scratch,
             kind: self.kind,
+            dark: has_shade.then_some(&self.shade.is_dark[..]),
+            done: 0,
         };
         let job = if is_blending {
             Job::Over(&frame.fragments)
@@ -271,27 +292,29 @@ impl Canvas {
     }
 
     /// Lays the belt over the horizon of the first endless plane.
-    fn blend_haze(&mut self, scene: &Scene, view: &View, projection: &Projection) {
-        let (Some(solid), Some(_)) = (scene.haze_solid, scene.spec.sky) else {
+    fn blend_haze(&mut self, view: &View, projection: &Projection) {
+        let Effects {
+            has_sky, has_haze, ..
+        } = view.effects;
+        let (Some(solid), Some(_)) = (view.scene.haze_solid, view.scene.sky) else {
             return;
         };
-        let is_endless = |geom: usize| matches!(scene.spec.geoms[geom].shape, Shape::Plane { half_size, .. } if half_size == [0.0, 0.0]);
-        let Some(plane) = (0..scene.geom_count()).find(|&g| view.is_visible[g] && is_endless(g))
-        else {
+        let is_endless = |shown: &&Shown| matches!(shown.geom.shape, Shape::Plane { half_size, .. } if half_size == [0.0, 0.0]);
+        let Some(plane) = view.geoms.iter().find(is_endless) else {
             return;
         };
-        let pose = &view.poses[plane];
-        let axis = [pose.rotation[2], pose.rotation[5], pose.rotation[8]];
-        let height = dot64(
-            [0, 1, 2].map(|k| view.camera.position[k] - pose.position[k]),
-            axis,
-        );
-        if height < 0.0 {
+        let Geom {
+            position, rotation, ..
+        } = &plane.geom;
+        let axis = [rotation[2], rotation[5], rotation[8]];
+        let from_plane = [0, 1, 2].map(|k| view.camera.position[k] - position[k]);
+        let height = dot64(from_plane, axis);
+        if height < 0.0 || !has_sky || !has_haze {
             return;
         }
         let foot = [0, 1, 2].map(|k| view.camera.position[k] - height * axis[k]);
         #[expect(clippy::cast_possible_truncation, reason = "vertices are f32")]
-        let (reach, height) = ((SKY_REACH * scene.spec.far) as f32, height as f32);
+        let (reach, height) = ((SKY_REACH * view.scene.far) as f32, height as f32);
         let part = Part {
             geom: 0,
             solid,
@@ -299,17 +322,14 @@ impl Canvas {
             shift: 0.0,
             radius: f32::INFINITY,
         };
-        self.blend(
-            scene,
-            projection,
-            (Role::Haze, &part, foot, &pose.rotation),
-            1.0,
-            true,
-        );
+        self.blend(view, |frame, list| {
+            let haze = (Role::Haze, &part, foot, rotation);
+            frame.draw_part(view, projection, haze, 1.0, true, list);
+        });
     }
 
     /// Blends transparent parts front to back and once more back to front, as MuJoCo does.
-    fn blend_glass(&mut self, scene: &Scene, view: &View, projection: &Projection) {
+    fn blend_glass(&mut self, view: &View, projection: &Projection) {
         if self.frame.glass.is_empty() {
             return;
         }
@@ -318,39 +338,27 @@ impl Canvas {
         // The parts of one geom are equally far and stay together, in the same order both times.
         let groups: Vec<&[(f32, Part)]> = glass.chunk_by(|a, b| a.1.geom == b.1.geom).collect();
         for (_, part) in groups.iter().chain(groups.iter().rev()).copied().flatten() {
-            let is_behind = is_seen_from_behind(scene, view, part);
-            let alpha =
-                scene.spec.geoms[part.geom].surface.rgba[3] * if is_behind { BEHIND } else { 1.0 };
-            let place = (
-                Role::Geom(part.geom),
-                part,
-                origin_of(scene, view, part),
-                &view.poses[part.geom].rotation,
-            );
-            self.blend(scene, projection, place, alpha, is_behind);
+            let is_behind = is_seen_from_behind(view, part);
+            let own = view.geoms[part.geom].geom.surface.rgba[3];
+            let alpha = own * if is_behind { BEHIND } else { 1.0 };
+            self.blend(view, |frame, list| {
+                frame.draw_geom_part(view, projection, part, alpha, is_behind, list);
+            });
         }
         self.frame.glass = glass;
     }
 
-    /// Blends one part over the colours so far, without touching depth.
-    fn blend(
-        &mut self,
-        scene: &Scene,
-        projection: &Projection,
-        place: (Role, &Part, [f64; 3], &[f64; 9]),
-        alpha: f32,
-        is_inverted: bool,
-    ) {
+    /// Blends what `draw` lists over the colours so far, without touching depth.
+    fn blend(&mut self, view: &View, draw: impl FnOnce(&mut Frame, &mut Listed<'_>)) {
         let mut fragments = std::mem::take(&mut self.frame.fragments);
         fragments.clear();
         let mut list = Listed {
             cover: &self.cover,
             fragments: &mut fragments,
         };
-        self.frame
-            .draw_part(scene, projection, place, alpha, is_inverted, &mut list);
+        draw(&mut self.frame, &mut list);
         self.frame.fragments = fragments;
-        self.fill(scene, true);
+        self.fill(view, true);
     }
 
     /// Writes the colours as the caller wants them.

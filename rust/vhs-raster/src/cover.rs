@@ -39,6 +39,8 @@ pub(crate) struct Corner {
 pub(crate) struct Drawn {
     pub(crate) whole: V3,
     pub(crate) along: [V3; 2],
+    /// `Z / W` across the picture.
+    pub(crate) depth: V3,
     /// Index into the frame's list of parts.
     pub(crate) part: u32,
     /// Number of the face in its solid: triangles first, then larger faces.
@@ -62,7 +64,7 @@ pub(crate) struct Outline<const N: usize> {
     /// Smallest accepted value: 0 where samples on the edge belong to this face.
     least: [f32; N],
     /// `Z / W` across the picture.
-    depth: V3,
+    pub(crate) depth: V3,
 }
 
 /// Depth and face number of every sample.
@@ -131,16 +133,7 @@ impl Cover {
         corners: &[Corner; N],
         near: f32,
     ) -> Option<Window> {
-        let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
-        for k in 0..2 {
-            for c in corners {
-                low[k] = low[k].min(c.at[k]);
-                high[k] = high[k].max(c.at[k]);
-            }
-        }
-        if !corners.iter().all(|c| c.is_ahead) {
-            (low, high) = ahead_of_near(corners, near)?;
-        }
+        let (low, high) = window_around(corners, near)?;
         self.pixels(low, high)
     }
 
@@ -260,6 +253,25 @@ impl Cover {
     }
 }
 
+/// Rectangle around a face in the picture; `None` when all of it is nearer than the near plane.
+#[inline(always)]
+pub(crate) fn window_around<const N: usize>(
+    corners: &[Corner; N],
+    near: f32,
+) -> Option<([f32; 2], [f32; 2])> {
+    if !corners.iter().all(|c| c.is_ahead) {
+        return ahead_of_near(corners, near);
+    }
+    let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
+    for k in 0..2 {
+        for c in corners {
+            low[k] = low[k].min(c.at[k]);
+            high[k] = high[k].max(c.at[k]);
+        }
+    }
+    Some((low, high))
+}
+
 /// Rectangle around the part of a face that lies beyond the near plane; generous, for it only bounds the search.
 fn ahead_of_near<const N: usize>(corners: &[Corner; N], near: f32) -> Option<([f32; 2], [f32; 2])> {
     let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
@@ -297,6 +309,12 @@ struct Row<const N: usize> {
 }
 
 impl<const N: usize> Outline<N> {
+    /// Depth at a place, if it is inside.
+    #[inline(always)]
+    pub(crate) fn at(&self, x: f32, y: f32) -> Option<f32> {
+        self.row(y).at(x)
+    }
+
     /// All functions along a row at height `y`.
     #[inline(always)]
     fn row(&self, y: f32) -> Row<N> {
@@ -384,6 +402,7 @@ pub(crate) fn outline<const N: usize>(
         Drawn {
             whole,
             along,
+            depth,
             part: 0,
             face: 0,
         },
