@@ -13,6 +13,7 @@ from debug import debug_config
 
 from vhs.acting.setup import make_stepping, task_of
 from vhs.acting.stepping import PooledStepping, Stepping
+from vhs.runs.checkpoint import load_checkpoint
 from vhs.runs.rows import read_log
 from vhs.train import train
 
@@ -31,7 +32,7 @@ def test_lock_step_gives_the_same_weights_for_any_number_of_workers(tmp_path: Pa
     for workers in (0, 1, 2):
         run = tmp_path / str(workers)
         train(debug_config(f"env.num_workers={workers}", "train.episodes=40"), run, StringIO())
-        state = torch.load(run / "checkpoints" / "episode-000000040" / "state.pt", weights_only=True)
+        state, _ = load_checkpoint(run)
         weights.append(state["learner"]["agent"])
     for other in weights[1:]:
         for name, value in weights[0].items():

@@ -17,8 +17,9 @@ from vhs.acting.setup import check_runnable, check_spec, convolution_dtype, task
 from vhs.config import Config
 from vhs.learning.goals import ClassGoals, make_goals
 from vhs.models import GoalAgent, make_agent
+from vhs.runs.agent_file import check_limits, read_agent
 from vhs.runs.checkpoint import fitting, load_checkpoint
-from vhs.runs.directory import AGENT_NAME, is_exported, read_config
+from vhs.runs.directory import AGENT_NAME, check_settings, is_exported, read_config
 from vhs.task import Task, TaskSpec
 
 
@@ -96,17 +97,28 @@ def load_agent(path: Path | str, task: Task | None = None) -> Policy:
         ConfigError: its configuration cannot run here.
     """
     path = Path(path)
-    policy = make_policy(to_act_here(read_config(path)), task)
-    policy.agent.eval()
+    config = to_act_here(read_config(path))
     if is_exported(path):
-        from vhs.runs.agent_file import read_agent
-
-        about = read_agent(path / AGENT_NAME, policy.agent, policy.goals)
-        return replace(policy, trained_episodes=int(about["trained_episodes"]))
+        return _load_exported(path, config, task)
+    policy = make_policy(config, task)
+    policy.agent.eval()
     state, store = load_checkpoint(path)
     with fitting(path):
+        check_settings(path, config, state["settings"])
         policy.agent.load_state_dict(state["learner"]["agent"])
         policy.goals.load_state_dict(state["learner"]["prototypes"])
         episodes = int(state["progress"]["episodes"])
     policy.goals.store = store
     return replace(policy, trained_episodes=episodes)
+
+
+def _load_exported(path: Path, config: Config, task: Task | None) -> Policy:
+    """An exported agent, maybe a stranger's: checked before anything of the size that it names is made."""
+    check_limits(config)
+    file = read_agent(path / AGENT_NAME)
+    task = task or task_of(config)
+    file.check(config, task.spec())
+    policy = make_policy(config, task)
+    policy.agent.eval()
+    file.load(policy.agent, policy.goals)
+    return replace(policy, trained_episodes=file.trained_episodes)
