@@ -187,6 +187,30 @@ def test_a_signal_saves_and_the_same_command_resumes(
     assert read_log(run)[-1]["episodes"] == stopped + 40
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="worker processes need Linux")
+def test_a_signal_is_heard_while_a_worker_hangs(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    arguments = ["train", "--config", str(CONFIGS / "debug.yaml"), "--out", str(run)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "vhs.cli", *arguments, "--set", "train.episodes=100000"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + 60
+    while len(read_log(run)) < 1 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    for child in children:
+        os.kill(int(child), signal.SIGSTOP)
+    time.sleep(1)
+    process.send_signal(signal.SIGTERM)
+    told, _ = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "the same command resumes" in told
+    assert not any(Path(f"/proc/{child}").exists() for child in children)
+
+
 def test_eval_prints_rates_and_spl(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = shutil.copytree(short, tmp_path / "run")
     assert main(["eval", str(run), "--episodes", "10", "--seed", "3"]) == 0
