@@ -230,10 +230,11 @@ impl Shader<'_> {
     /// Colours some of a run's samples, a whole number of batches.
     #[inline(always)]
     fn run<M: Machine>(&mut self, ready: &Ready, run: &mut Run<'_>, samples: Range<usize>) {
+        let fog = self.lighter.view.fog();
         for first in samples.step_by(M::LANES) {
             let batch = run.places.batch(first);
             let mut colours = self.shade::<M>(ready, &batch);
-            if let Some(fog) = self.lighter.view.fog() {
+            if let Some(fog) = fog {
                 self.fog::<M>(ready, &batch, fog, &mut colours);
             }
             M::store_ints(packed::<M>(&colours), &mut run.colours[first..]);
