@@ -1127,6 +1127,9 @@ class RasterScene:
     def set_shadows(self, size: int, clip: float, scale: float) -> None:
         """Set the texels a side of a shadow map, half its side in metres, and its share of a spot's cone."""
 
+    def set_fog(self, rgb: Sequence[float], start: float, end: float) -> None:
+        """Set the colour of fog, and from where to where it thickens, in metres."""
+
     def set_sky(self, texture: int, haze_rgb: Sequence[float], haze_proportion: float) -> None:
         """Set the cube texture of the sky and the haze over the horizon."""
 

@@ -1,4 +1,4 @@
-"""Shadows are those of MuJoCo's OpenGL renderer, and obey the flags of the scene."""
+"""Shadows, reflections and fog are those of MuJoCo's OpenGL renderer, and obey the flags of the scene."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import mujoco
 import numpy as np
 import pytest
 from raster_models import MODELS
-from raster_support import ours, random_camera, reference, scatter, shapes_model
+from raster_support import SHAPES_XML, ours, random_camera, reference, scatter, shapes_model
 
 COLOUR = 4.0
 """Mean difference allowed, in 255ths."""
-SHADOW = mujoco.mjtRndFlag.mjRND_SHADOW
+SHADOW, REFLECTION = mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION
+FOG = mujoco.mjtRndFlag.mjRND_FOG
 
 GYMNASIUM = Path(gymnasium.__file__).parent / "envs/mujoco/assets"
 
@@ -76,6 +77,58 @@ def test_things_that_are_not_plain_geoms_cast_shadows(name: str) -> None:
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     assert compare(model, data, "fixed", [SHADOW])[0] <= 0.1
+
+
+MIRRORS = {
+    "plane": ('texuniform="true"/>', 'texuniform="true" reflectance=".5"/>'),
+    "box": (
+        '<site name="mark"',
+        """<geom type="box" size=".6 .5 .1" pos="0 -.8 .1" euler="10 5 0" material="mirror"/>
+        <site name="mark\"""",
+    ),
+}
+"""What to put into the model of all shapes so that something mirrors."""
+
+
+def mirror_model(name: str, samples: int = 0) -> mujoco.MjModel:
+    xml = SHAPES_XML.format(samples=samples).replace(*MIRRORS[name])
+    mirror = '<material name="mirror" reflectance=".7" rgba=".2 .2 .3 1"/></asset>'
+    return mujoco.MjModel.from_xml_string(xml.replace("</asset>", mirror))
+
+
+@pytest.mark.parametrize("antialias", ["off", "multisample"])
+@pytest.mark.parametrize("name", MIRRORS)
+def test_the_first_plane_or_box_that_reflects_mirrors_the_scene(name: str, antialias: str) -> None:
+    model = mirror_model(name, 4 if antialias == "multisample" else 0)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    for camera in ("fixed", "parallel", "lens"):
+        for flags in ([REFLECTION], [REFLECTION, SHADOW]):
+            difference, change = compare(model, data, camera, flags, antialias)
+            assert difference <= 1
+            assert change > 0.1
+
+
+def test_a_mirror_seen_from_behind_shows_nothing() -> None:
+    model, camera = mirror_model("plane"), mujoco.MjvCamera()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    camera.lookat[:], camera.distance, camera.elevation = (0, 0, 0.4), 2, 40
+    difference, change = compare(model, data, camera, [REFLECTION])
+    assert difference <= COLOUR
+    assert change == 0
+
+
+@pytest.mark.parametrize("camera", ["fixed", "parallel", -1])
+def test_fog(camera: str | int) -> None:
+    model = shapes_model()
+    model.vis.map.fogstart, model.vis.map.fogend = 1, 3
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    for flags in ([FOG], [FOG, SHADOW], [FOG, SHADOW, REFLECTION]):
+        difference, change = compare(model, data, camera, flags)
+        assert difference <= 1
+        assert change > 5
 
 
 def test_lights_and_geoms_that_cast_no_shadows() -> None:

@@ -36,6 +36,8 @@ class Assets:
         scene = RasterScene(quality.numslices, quality.numstacks, quality.numquads, far)
         limits = model.vis.map
         scene.set_shadows(quality.shadowsize, limits.shadowclip * model.stat.extent, limits.shadowscale)
+        ends = (limits.fogstart * model.stat.extent, limits.fogend * model.stat.extent)
+        scene.set_fog(list(model.vis.rgba.fog[:3]), *ends)
         textures = [_add_texture(scene, model, i) for i in range(model.ntex)]
         meshes = [_add_mesh(scene, model, i) for i in range(model.nmesh)]
         for i in range(model.nhfield):

@@ -10,7 +10,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use numpy::{PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use vhs_raster::{
-    Haze, HeightField, MeshData, Scene, SceneSpec, Shadows, Tessellation, Texture, TextureKind,
+    Fog, Haze, HeightField, MeshData, Scene, SceneSpec, Shadows, Tessellation, Texture, TextureKind,
 };
 
 use crate::error::{raster_to_py as to_py, shape};
@@ -112,6 +112,11 @@ impl RasterScene {
     #[doc = stub!("RasterScene.set_shadows")]
     fn set_shadows(&self, size: usize, clip: f32, scale: f32) {
         self.lock().shadows = Shadows { size, clip, scale };
+    }
+
+    #[doc = stub!("RasterScene.set_fog")]
+    fn set_fog(&self, rgb: [f32; 3], start: f32, end: f32) {
+        self.lock().fog = Some(Fog { rgb, start, end });
     }
 
     #[doc = stub!("RasterScene.set_sky")]

@@ -20,8 +20,10 @@ use crate::raster_records::{
 /// Flags of `mjvScene` by number (`mjtRndFlag`).
 const FLAG_SHADOW: usize = 0;
 const FLAG_WIREFRAME: usize = 1;
+const FLAG_REFLECTION: usize = 2;
 const FLAG_ADDITIVE: usize = 3;
 const FLAG_SKYBOX: usize = 4;
+const FLAG_FOG: usize = 5;
 const FLAG_HAZE: usize = 6;
 const FLAG_SEGMENT: usize = 8;
 const FLAG_CULL_FACE: usize = 10;
@@ -172,6 +174,8 @@ impl RasterSource {
             has_sky: is_on(FLAG_SKYBOX),
             has_haze: is_on(FLAG_HAZE),
             has_shadows: is_on(FLAG_SHADOW),
+            has_fog: is_on(FLAG_FOG),
+            has_reflections: is_on(FLAG_REFLECTION),
         })
     }
 }

@@ -4,7 +4,7 @@
 
 use crate::error::{Error, Result, check_len};
 use crate::math::V3;
-use crate::scene::{Haze, HeightField, MeshData, SceneSpec, Shadows, Tessellation};
+use crate::scene::{Fog, Haze, HeightField, MeshData, SceneSpec, Shadows, Tessellation};
 use crate::solid::Solid;
 use crate::texture::{Texture, TextureKind};
 
@@ -21,6 +21,7 @@ pub struct Scene {
     pub(crate) sky: Option<usize>,
     haze: Option<Haze>,
     pub(crate) shadows: Shadows,
+    pub(crate) fog: Option<Fog>,
     /// Solid of the haze, if there is any.
     pub(crate) haze_solid: Option<usize>,
 }
@@ -82,6 +83,7 @@ impl Scene {
             sky: spec.sky,
             haze: spec.haze,
             shadows: spec.shadows,
+            fog: spec.fog,
             haze_solid,
         })
     }
@@ -154,6 +156,10 @@ fn check(spec: &SceneSpec) -> Result<()> {
             expected: "at most 16384 texels, a clip and a scale above 0",
             got: format!("{size}, {clip}, {scale}"),
         });
+    }
+    if let Some(fog) = spec.fog {
+        let [red, green, blue] = fog.rgb;
+        finite("fog", &[[red, green, blue, fog.start, fog.end]])?;
     }
     for mesh in &spec.meshes {
         check_mesh(mesh)?;

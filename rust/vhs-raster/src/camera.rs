@@ -225,6 +225,25 @@ impl Projection {
         )
     }
 
+    /// From a ray, see [`Projection::of_rays`], to its way in the world.
+    pub(crate) fn rays(&self) -> [[f64; 3]; 3] {
+        let last = self.depth_row.unwrap_or(self.rows[2]);
+        inverse([self.rows[0], self.rows[1], last])
+    }
+
+    /// The same map after every direction was turned, seen from another place.
+    pub(crate) fn turned(&self, turn: impl Fn([f64; 3]) -> [f64; 3], origin: [f64; 3]) -> Self {
+        Self {
+            rows: self.rows.map(&turn),
+            depth_row: self.depth_row.map(&turn),
+            sides: self
+                .sides
+                .map(|(normal, constant)| (turn(normal), constant)),
+            origin,
+            ..*self
+        }
+    }
+
     /// Map from another camera's rays to this picture: matrix, constant, and the row of Z with its constant.
     ///
     /// A ray of a perspective is `(x, y, 1)`, to be multiplied by W; one of a parallel projection `(x, y, Z / W)`.
@@ -233,8 +252,7 @@ impl Projection {
         reason = "the picture is drawn in f32"
     )]
     pub(crate) fn of_rays(&self, other: &Self) -> ([f32; 9], V3, Option<[f32; 4]>) {
-        let last = other.depth_row.unwrap_or(other.rows[2]);
-        let rays = inverse([other.rows[0], other.rows[1], last]);
+        let rays = other.rays();
         let through = |row: &[f64; 3]| {
             [0, 1, 2]
                 .map(|k| (row[0] * rays[0][k] + row[1] * rays[1][k] + row[2] * rays[2][k]) as f32)
@@ -251,6 +269,12 @@ impl Projection {
             constant,
             depth,
         )
+    }
+
+    /// Where the camera is.
+    #[expect(clippy::cast_possible_truncation, reason = "lighting is f32")]
+    pub(crate) fn eye(&self) -> V3 {
+        self.origin.map(|x| x as f32)
     }
 
     /// Whether a ball can touch the picture.

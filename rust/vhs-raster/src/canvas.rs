@@ -9,7 +9,9 @@ use crate::fill::{Colours, Fill, Job, Scratch, collect};
 use crate::frame::{Frame, Listed, SKY_REACH, is_seen_from_behind};
 use crate::lanes::Kind;
 use crate::light::{Choice, Lamps, MOST_LIGHTS};
+use crate::mirror::Mirror;
 use crate::nodes::{Lighter, NodeCache, Role};
+use crate::output::{Layout, write_out};
 use crate::parts::Part;
 use crate::scene::{Geom, Shape};
 use crate::shade::Shader;
@@ -26,16 +28,6 @@ pub enum Antialias {
     Multisample,
     /// Four full samples a pixel on a 2x2 grid: textures are smoothed as well as edges.
     Supersample,
-}
-
-/// Order of the channels in memory.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Layout {
-    /// `[height, width, 3]`.
-    #[default]
-    Interleaved,
-    /// `[3, height, width]`.
-    Planar,
 }
 
 /// Sample places of common drivers for four samples: a square grid, turned.
@@ -64,6 +56,8 @@ pub struct Canvas {
     colours: Colours,
     /// What one light with shadows adds to them.
     added: Option<Box<Colours>>,
+    /// What a mirror shows.
+    mirrored: Option<Box<Canvas>>,
     samples: Vec<Sample>,
     shade: Shade,
     lamps: Lamps,
@@ -86,13 +80,26 @@ impl Canvas {
                 });
             }
         }
-        let (h, w, offsets): (_, _, &[Offset]) = match antialias {
-            Antialias::Off => (height, width, &MIDDLE),
-            Antialias::Multisample => (height, width, &TURNED_GRID),
-            Antialias::Supersample => (2 * height, 2 * width, &MIDDLE),
+        let drawn = match antialias {
+            Antialias::Off | Antialias::Multisample => (height, width),
+            Antialias::Supersample => (2 * height, 2 * width),
         };
         let kind = Kind::detect();
-        Ok(Self {
+        Ok(Self::of_size((height, width), drawn, antialias, kind))
+    }
+
+    /// A canvas that draws a picture of the second size for one of the first.
+    fn of_size(
+        (height, width): (usize, usize),
+        (h, w): (usize, usize),
+        antialias: Antialias,
+        kind: Kind,
+    ) -> Self {
+        let offsets: &[Offset] = match antialias {
+            Antialias::Multisample => &TURNED_GRID,
+            Antialias::Off | Antialias::Supersample => &MIDDLE,
+        };
+        Self {
             height,
             width,
             antialias,
@@ -102,12 +109,13 @@ impl Canvas {
             frame: Frame::default(),
             colours: Colours::new(h, w),
             added: None,
+            mirrored: None,
             samples: Vec::new(),
             shade: Shade::default(),
             lamps: Lamps::default(),
             nodes: NodeCache::default(),
             scratch: Scratch::default(),
-        })
+        }
     }
 
     /// Height and width in pixels.
@@ -138,10 +146,14 @@ impl Canvas {
         frame.draw_opaque(view, &projection, cover);
         frame.draw_sky(view, &projection, cover);
         self.fill(view, false);
+        if let Some(mirror) = Mirror::of(view) {
+            self.add_reflection(view, &projection, &mirror);
+        }
         self.add_lights_with_shadows(view, &projection);
         self.blend_haze(view, &projection);
-        self.blend_glass(view, &projection);
-        self.write_out(layout, out);
+        self.blend_glass(view, &projection, false);
+        let is_halved = self.antialias == Antialias::Supersample;
+        write_out(&self.colours, self.width, is_halved, layout, out);
         Ok(())
     }
 
@@ -217,6 +229,64 @@ impl Canvas {
         cover.clear(projection.depth_range);
         self.frame.draw_tagged(view, &projection, cover);
         projection
+    }
+
+    /// Adds what a mirror shows to the samples in which it is seen.
+    fn add_reflection(&mut self, view: &View, projection: &Projection, mirror: &Mirror) {
+        let mut mirrored = self.mirrored.take().unwrap_or_else(|| {
+            let (height, width) = (self.cover.height, self.cover.width);
+            Box::new(Self::of_size(
+                (self.height, self.width),
+                (height, width),
+                self.antialias,
+                self.kind,
+            ))
+        });
+        mirrored.draw_mirrored(view, projection, mirror);
+        let placed = &self.frame.placed;
+        let mirrors = |face: u32| {
+            let Some(drawn) = self.frame.drawn.get(face as usize) else {
+                return false;
+            };
+            let is_its = placed[drawn.part as usize].role == Role::Geom(mirror.geom);
+            is_its && drawn.face == mirror.face
+        };
+        let (cover, layer) = (&self.cover, self.cover.layer());
+        let samples = cover.offsets.len();
+        for y in 0..cover.height {
+            for x in 0..cover.width {
+                let at = y * cover.stride + x;
+                let seen = (0..samples)
+                    .filter(|s| mirrors(cover.face[s * layer + at]))
+                    .count();
+                if seen > 0 {
+                    let from = y * self.colours.stride + x;
+                    let more = mirrored.colours.pixels[from].to_le_bytes();
+                    let own = &mut self.colours.pixels[from];
+                    let sum = own.to_le_bytes();
+                    *own = u32::from_le_bytes([0, 1, 2, 3].map(|k| {
+                        let part = usize::from(more[k]) * seen / samples;
+                        sum[k].saturating_add(u8::try_from(part).unwrap_or(u8::MAX))
+                    }));
+                }
+            }
+        }
+        self.mirrored = Some(mirrored);
+    }
+
+    /// Draws what a mirror shows, without shadows.
+    fn draw_mirrored(&mut self, view: &View, projection: &Projection, mirror: &Mirror) {
+        let (projection, limit) = mirror.projection(projection);
+        self.lamps.update(view, &projection, Choice::All);
+        self.lamps.set_tint(mirror.reflectance);
+        self.nodes.start_frame();
+        self.frame.clear();
+        self.cover.clear(projection.depth_range);
+        self.cover.limit = Some(limit);
+        self.frame
+            .draw_mirrored(view, &projection, mirror.geom, &mut self.cover);
+        self.fill(view, false);
+        self.blend_glass(view, &projection, true);
     }
 
     /// Adds the light of all that cast shadows, one after the other.
@@ -329,7 +399,9 @@ impl Canvas {
     }
 
     /// Blends transparent parts front to back and once more back to front, as MuJoCo does.
-    fn blend_glass(&mut self, view: &View, projection: &Projection) {
+    ///
+    /// In a mirror what is in front is behind.
+    fn blend_glass(&mut self, view: &View, projection: &Projection, is_mirrored: bool) {
         if self.frame.glass.is_empty() {
             return;
         }
@@ -342,7 +414,8 @@ impl Canvas {
             let own = view.geoms[part.geom].geom.surface.rgba[3];
             let alpha = own * if is_behind { BEHIND } else { 1.0 };
             self.blend(view, |frame, list| {
-                frame.draw_geom_part(view, projection, part, alpha, is_behind, list);
+                let is_inverted = is_behind != is_mirrored;
+                frame.draw_geom_part(view, projection, part, alpha, is_inverted, list);
             });
         }
         self.frame.glass = glass;
@@ -359,65 +432,5 @@ impl Canvas {
         draw(&mut self.frame, &mut list);
         self.frame.fragments = fragments;
         self.fill(view, true);
-    }
-
-    /// Writes the colours as the caller wants them.
-    fn write_out(&self, layout: Layout, out: &mut [u8]) {
-        let n = self.height * self.width;
-        for y in 0..self.height {
-            let from = y * self.width;
-            match layout {
-                Layout::Interleaved => {
-                    self.each_in_row(y, &mut out[3 * from..3 * (from + self.width)]);
-                }
-                Layout::Planar => {
-                    for x in 0..self.width {
-                        let [r, g, b, _] = self.colour_at(x, y).to_le_bytes();
-                        (out[from + x], out[n + from + x], out[2 * n + from + x]) = (r, g, b);
-                    }
-                }
-            }
-        }
-    }
-
-    /// Writes one row with its channels side by side.
-    fn each_in_row(&self, y: usize, row: &mut [u8]) {
-        if self.antialias == Antialias::Supersample {
-            for (x, to) in row.chunks_exact_mut(3).enumerate() {
-                to.copy_from_slice(&self.colour_at(x, y).to_le_bytes()[..3]);
-            }
-            return;
-        }
-        let start = y * self.colours.stride;
-        let pixels = &self.colours.pixels[start..start + self.width];
-        let (fours, rest) = pixels.as_chunks::<4>();
-        let (twelves, tail) = row.split_at_mut(12 * fours.len());
-        for (to, &[a, b, c, d]) in twelves.chunks_exact_mut(12).zip(fours) {
-            to[..4].copy_from_slice(&(a | b << 24).to_le_bytes());
-            to[4..8].copy_from_slice(&(b >> 8 | c << 16).to_le_bytes());
-            to[8..].copy_from_slice(&(c >> 16 | d << 8).to_le_bytes());
-        }
-        for (to, colour) in tail.chunks_exact_mut(3).zip(rest) {
-            to.copy_from_slice(&colour.to_le_bytes()[..3]);
-        }
-    }
-
-    /// Colour of a pixel, the mean of four samples when supersampling.
-    fn colour_at(&self, x: usize, y: usize) -> u32 {
-        let Colours { stride, pixels } = &self.colours;
-        if self.antialias != Antialias::Supersample {
-            return pixels[y * stride + x];
-        }
-        let (top, bottom) = (2 * y * stride + 2 * x, (2 * y + 1) * stride + 2 * x);
-        let four = [
-            pixels[top],
-            pixels[top + 1],
-            pixels[bottom],
-            pixels[bottom + 1],
-        ];
-        // Every other channel has room for the sum of four.
-        let sum =
-            |shift: u32| four.iter().map(|c| c >> shift & 0x00ff_00ff).sum::<u32>() + 0x0002_0002;
-        (sum(0) >> 2 & 0x00ff_00ff) | (sum(8) >> 2 & 0x00ff_00ff) << 8
     }
 }

@@ -84,6 +84,8 @@ pub(crate) struct Cover {
     columns: Vec<f32>,
     /// `Z / W` of the near plane.
     pub(crate) nearest: f32,
+    /// `Z / W` across the picture of a plane that cuts off what is nearer.
+    pub(crate) limit: Option<V3>,
     /// What this machine can do.
     pub(crate) kind: Kind,
 }
@@ -111,6 +113,7 @@ impl Cover {
             face: vec![NOTHING; len],
             columns: (0..stride).map(|i| middle(i, width)).collect(),
             nearest: 0.0,
+            limit: None,
             kind,
         }
     }
@@ -172,7 +175,7 @@ impl Cover {
         number: u32,
     ) {
         match self.kind {
-            Kind::Plain => self.draw_lanes::<Plain, N>(outline, window, number),
+            Kind::Plain => self.draw_either::<Plain, N>(outline, window, number),
             #[cfg(target_arch = "x86_64")]
             // Faces are small: sixteen lanes would mostly be idle.
             // SAFETY: both kinds are only made by `detect`, after it found what AVX2 needs; AVX-512 includes it.
@@ -183,11 +186,25 @@ impl Cover {
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     fn draw_avx2<const N: usize>(&mut self, outline: &Outline<N>, window: Window, number: u32) {
-        self.draw_lanes::<crate::lanes::Avx2, N>(outline, window, number);
+        self.draw_either::<crate::lanes::Avx2, N>(outline, window, number);
     }
 
     #[inline(always)]
-    fn draw_lanes<M: Machine, const N: usize>(
+    fn draw_either<M: Machine, const N: usize>(
+        &mut self,
+        outline: &Outline<N>,
+        window: Window,
+        number: u32,
+    ) {
+        if self.limit.is_some() {
+            self.draw_lanes::<M, N, true>(outline, window, number);
+        } else {
+            self.draw_lanes::<M, N, false>(outline, window, number);
+        }
+    }
+
+    #[inline(always)]
+    fn draw_lanes<M: Machine, const N: usize, const CUT: bool>(
         &mut self,
         outline: &Outline<N>,
         window: Window,
@@ -199,9 +216,12 @@ impl Cover {
         );
         let (nearest, number) = (M::float(self.nearest), M::int(number.cast_signed()));
         let columns = &self.columns[window.x0..window.x0 + len];
+        let limit = self.limit.unwrap_or_default();
         for (s, &[ox, oy]) in self.offsets.iter().enumerate() {
             for y in window.y0..window.y1 {
-                let row = outline.row(oy - middle(y, self.height));
+                let height = oy - middle(y, self.height);
+                let row = outline.row(height);
+                let cut = limit[1] * height + limit[2];
                 let start = s * layer + y * self.stride + window.x0;
                 let depth = self.depth[start..start + len].chunks_exact_mut(M::LANES);
                 let face = self.face[start..start + len].chunks_exact_mut(M::LANES);
@@ -212,6 +232,10 @@ impl Cover {
                         M::mul_then_add(M::float(row.depth_slope), x, M::float(row.depth_constant));
                     let old = M::load(depth);
                     let mut is_seen = M::and(M::at_least(z, old), M::at_least(nearest, z));
+                    if CUT {
+                        let most = M::mul_then_add(M::float(limit[0]), x, M::float(cut));
+                        is_seen = M::and(is_seen, M::at_least(most, z));
+                    }
                     for k in 0..N {
                         let e =
                             M::mul_then_add(M::float(row.slope[k]), x, M::float(row.constant[k]));
@@ -238,10 +262,14 @@ impl Cover {
             for x in window.x0..window.x1 {
                 let mut mask = 0;
                 for (s, &[ox, oy]) in self.offsets.iter().enumerate() {
-                    let row = outline.row(oy - middle(y, self.height));
-                    let z = row.at(self.columns[x] + ox);
+                    let (across, height) = (self.columns[x] + ox, oy - middle(y, self.height));
+                    let z = outline.at(across, height);
+                    let nearest = self.limit.map_or(self.nearest, |cut| {
+                        self.nearest
+                            .min(cut[0] * across + (cut[1] * height + cut[2]))
+                    });
                     let passes = z.is_some_and(|z| {
-                        z <= self.nearest && z >= self.depth[s * layer + y * self.stride + x]
+                        z <= nearest && z >= self.depth[s * layer + y * self.stride + x]
                     });
                     mask |= u8::from(passes) << s;
                 }

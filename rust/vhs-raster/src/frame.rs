@@ -184,6 +184,23 @@ impl Frame {
         }
     }
 
+    /// Draws all opaque parts but those of a mirror as the mirror shows them, and sets the transparent ones aside.
+    pub(crate) fn draw_mirrored(
+        &mut self,
+        view: &View,
+        projection: &Projection,
+        mirror: usize,
+        cover: &mut Cover,
+    ) {
+        for part in view.parts.iter().filter(|part| part.geom != mirror) {
+            if is_glass(view, part) {
+                self.glass.push((glass_distance(view, part.geom), *part));
+            } else {
+                self.draw_geom_part(view, projection, part, 1.0, true, &mut Into(cover));
+            }
+        }
+    }
+
     /// Draws all parts with a tag as if they were opaque.
     pub(crate) fn draw_tagged(&mut self, view: &View, projection: &Projection, cover: &mut Cover) {
         for part in &view.parts {

@@ -1,7 +1,7 @@
 //! A software renderer for small pictures of scenes made of simple solids and meshes.
 //!
 //! Scene in, pixels out: no graphics driver, no window system, no global state. The pictures follow what MuJoCo's
-//! OpenGL renderer draws without shadows and reflections, and are the same to the last bit on every machine: plain
+//! OpenGL renderer draws, and are the same to the last bit on every machine: plain
 //! IEEE arithmetic in a fixed order, no fused operations, no dependence on vector width or threads.
 //!
 //! ```
@@ -58,7 +58,9 @@ mod frame;
 mod lanes;
 mod light;
 mod math;
+mod mirror;
 mod nodes;
+mod output;
 mod paint;
 mod parts;
 mod round;
@@ -75,11 +77,12 @@ mod view;
 pub use assets::Scene;
 pub use batch::draw_all;
 pub use camera::{Camera, Lens};
-pub use canvas::{Antialias, Canvas, Layout};
+pub use canvas::{Antialias, Canvas};
 pub use error::{Error, Result};
+pub use output::Layout;
 pub use scene::{
-    Geom, Haze, Heads, HeightField, Light, LightKind, MeshData, SceneSpec, Shadows, Shape, Soft,
-    Surface, Tessellation, TextureUse,
+    Fog, Geom, Haze, Heads, HeightField, Light, LightKind, MeshData, SceneSpec, Shadows, Shape,
+    Soft, Surface, Tessellation, TextureUse,
 };
 pub use texture::{Texture, TextureKind};
 pub use view::{Effects, View};

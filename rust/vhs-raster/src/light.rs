@@ -35,6 +35,8 @@ pub(crate) struct Lamps {
     has_highlights: bool,
     /// Whether this light is added to a picture that has the surfaces' own.
     is_addition: bool,
+    /// Share of their colour that surfaces show.
+    tint: f32,
 }
 
 /// Which lights of a view shine.
@@ -50,7 +52,8 @@ pub(crate) enum Choice {
 impl Lamps {
     /// Collects the lights of `view`, reusing memory.
     pub(crate) fn update(&mut self, view: &View, projection: &Projection, choice: Choice) {
-        self.eye = view.eye();
+        self.eye = projection.eye();
+        self.tint = 1.0;
         self.lit.clear();
         for (number, light) in view.lights.iter().take(MOST_LIGHTS).enumerate() {
             let is_chosen = match choice {
@@ -63,7 +66,7 @@ impl Lamps {
             }
             let mut light = *light;
             if light.is_headlight {
-                (light.position, light.direction) = (self.eye, normalize(projection.forward));
+                (light.position, light.direction) = (view.eye(), normalize(projection.forward));
             }
             self.lit.push(Lamp::new(light));
         }
@@ -85,6 +88,16 @@ impl Lamps {
         self.is_parallel && (!self.has_highlights || surface.specular == 0.0)
     }
 
+    /// Has surfaces show only a share of their colour.
+    pub(crate) fn set_tint(&mut self, tint: f32) {
+        self.tint = tint;
+    }
+
+    /// Share of their colour that surfaces show.
+    pub(crate) fn tint(&self) -> f32 {
+        self.tint
+    }
+
     /// Whether this light is added to a picture that has the surfaces' own.
     pub(crate) fn is_addition(&self) -> bool {
         self.is_addition
@@ -93,6 +106,7 @@ impl Lamps {
     /// Colour of a vertex, each channel in 0..=1.
     pub(crate) fn colour(&self, position: V3, normal: V3, surface: &Surface) -> V3 {
         let base = [surface.rgba[0], surface.rgba[1], surface.rgba[2]];
+        let base = scale(base, self.tint);
         let to_eye = normalize(sub(self.eye, position));
         let mut sum = if self.is_addition {
             [0.0; 3]

@@ -296,6 +296,17 @@ pub struct Haze {
     pub proportion: f32,
 }
 
+/// Fog that grows evenly with the distance along the gaze.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fog {
+    /// Red, green, blue in 0..=1.
+    pub rgb: [f32; 3],
+    /// Where it starts, in metres.
+    pub start: f32,
+    /// Where it hides everything, in metres.
+    pub end: f32,
+}
+
 /// What limits shadows, as MuJoCo's shadow maps do.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shadows {
@@ -335,6 +346,8 @@ pub struct SceneSpec {
     pub haze: Option<Haze>,
     /// Limits of shadows.
     pub shadows: Shadows,
+    /// Fog, if any; a view says whether it is shown.
+    pub fog: Option<Fog>,
     /// Distance of the far clipping plane in metres; endless planes and the sky end there.
     pub far: f64,
 }

@@ -11,6 +11,7 @@ use crate::math::{V3, add, scale};
 use crate::nodes::{Light, Lighter, Placed, Role, between};
 use crate::paint::{Batch, Places, along, paint_cube, paint_flat, slope_of};
 use crate::parts::Mapping;
+use crate::scene::Fog;
 use crate::solid::Solid;
 use crate::texture::Texture;
 
@@ -39,6 +40,7 @@ enum Paint {
 pub(crate) struct Ready {
     whole: V3,
     along: [V3; 2],
+    depth: V3,
     light: Light,
     paint: Paint,
     pub(crate) part: u32,
@@ -122,7 +124,8 @@ impl Shader<'_> {
             Role::Sky => (Light::Even([1.0; 3]), 1.0),
             Role::Haze => (Light::Even(view.scene.haze_colour()), 1.0),
             Role::Unlit(g) => {
-                let [r, g, b, _] = surface(g).rgba.map(|c| c.clamp(0.0, 1.0));
+                let tint = self.lighter.lamps.tint();
+                let [r, g, b, _] = surface(g).rgba.map(|c| (tint * c).clamp(0.0, 1.0));
                 (Light::Even([r, g, b]), part.alpha)
             }
             Role::Geom(g) => {
@@ -135,13 +138,14 @@ impl Shader<'_> {
         let Drawn {
             whole,
             along,
+            depth,
             part,
             face,
-            ..
         } = *drawn;
         Ready {
             whole,
             along,
+            depth,
             light,
             paint,
             part,
@@ -226,12 +230,45 @@ impl Shader<'_> {
     /// Colours some of a run's samples, a whole number of batches.
     #[inline(always)]
     fn run<M: Machine>(&mut self, ready: &Ready, run: &mut Run<'_>, samples: Range<usize>) {
+        let fog = self.lighter.view.fog();
         for first in samples.step_by(M::LANES) {
-            let colours = self.shade::<M>(ready, &run.places.batch(first));
+            let batch = run.places.batch(first);
+            let mut colours = self.shade::<M>(ready, &batch);
+            if let Some(fog) = fog {
+                self.fog::<M>(ready, &batch, fog, &mut colours);
+            }
             M::store_ints(packed::<M>(&colours), &mut run.colours[first..]);
             if let Some(opacity) = run.opacity.as_mut() {
                 M::store(colours[3], &mut opacity[first..]);
             }
+        }
+    }
+
+    /// Lays fog over colours; over what is added to others, black.
+    #[inline(always)]
+    fn fog<M: Machine>(
+        &self,
+        ready: &Ready,
+        batch: &Batch<M>,
+        (fog, is_parallel): (Fog, bool),
+        colours: &mut Colours<M>,
+    ) {
+        let depth = along(ready.depth, batch);
+        let distance = if is_parallel {
+            M::sub(M::float(0.0), depth)
+        } else {
+            M::div(M::float(1.0), depth)
+        };
+        let reach = M::float(1.0 / (fog.end - fog.start).max(1e-6));
+        let clear = M::unit(M::mul(M::sub(M::float(fog.end), distance), reach));
+        for (colour, fog) in colours.iter_mut().zip(fog.rgb) {
+            let is_addition = self.lighter.lamps.is_addition();
+            let fog = M::float(if is_addition {
+                0.0
+            } else {
+                fog.clamp(0.0, 1.0)
+            });
+            *colour = M::mul_then_add(clear, M::sub(*colour, fog), fog);
         }
     }
 

@@ -10,8 +10,8 @@ use proptest::prelude::*;
 
 use crate::lanes::Kind;
 use crate::{
-    Antialias, Camera, Canvas, Geom, Haze, Heads, Layout, Lens, Light, LightKind, MeshData, Scene,
-    SceneSpec, Shape, Surface, Texture, TextureKind, TextureUse, View,
+    Antialias, Camera, Canvas, Effects, Fog, Geom, Haze, Heads, Layout, Lens, Light, LightKind,
+    MeshData, Scene, SceneSpec, Shape, Surface, Texture, TextureKind, TextureUse, View,
 };
 
 const SIZE: usize = 40;
@@ -205,8 +205,10 @@ proptest! {
         for (geom, place) in geoms.iter_mut().zip(places) {
             geom.position = place;
         }
+        geoms[4].surface.reflectance = 0.5;
         let mut view = mixed_view(seed, None, camera);
         view.set_geoms(&geoms, &[]).unwrap();
+        view.set_effects(Effects { has_fog: true, ..Effects::default() });
         for antialias in [Antialias::Off, Antialias::Multisample, Antialias::Supersample] {
             let expected = picture(&view, antialias, Kind::Plain);
             for kind in kinds() {
@@ -237,7 +239,11 @@ proptest! {
             Shape::LineBox { half_size: sizes, width: 2.0 },
         ];
         for shape in shapes {
-            picture(&view_of(&[Geom::new(shape)], camera), Antialias::Multisample, Kind::detect());
+            let mut geom = Geom::new(shape);
+            geom.surface.reflectance = 0.5;
+            let mut view = view_of(&[geom, Geom::new(Shape::Sphere { radius: 0.3 })], camera);
+            view.set_lights(&[still(LightKind::Directional), still(SPOT)]).unwrap();
+            picture(&view, Antialias::Multisample, Kind::detect());
         }
     }
 }
@@ -256,7 +262,23 @@ fn light(kind: LightKind, strength: f32) -> Light {
     }
 }
 
-/// Flat and cube textures of noise, and the cube as the sky.
+const SPOT: LightKind = LightKind::Spot {
+    attenuation: [1.0, 0.1, 0.0],
+    exponent: 5.0,
+    cutoff: 60.0,
+};
+
+/// A light that hangs above the middle and casts shadows.
+fn still(kind: LightKind) -> Light {
+    Light {
+        position: [0.2, 0.1, 3.0],
+        is_headlight: false,
+        casts_shadow: true,
+        ..light(kind, 1.0)
+    }
+}
+
+/// Flat and cube textures of noise, the cube as the sky, and fog.
 fn mixed_spec(seed: u8) -> SceneSpec {
     let noise = |n: usize| -> Vec<u8> {
         let next = |x: &mut u32| {
@@ -275,6 +297,11 @@ fn mixed_spec(seed: u8) -> SceneSpec {
     SceneSpec {
         textures: vec![flat, cube],
         sky: Some(1),
+        fog: Some(Fog {
+            rgb: [0.4, 0.5, 0.6],
+            start: 1.0,
+            end: 9.0,
+        }),
         far: f64::from(FAR),
         ..SceneSpec::default()
     }
@@ -330,17 +357,8 @@ fn mixed_view(seed: u8, haze: Option<Haze>, camera: Camera) -> View {
     let mut spec = mixed_spec(seed);
     spec.haze = haze;
     let mut view = View::new(Arc::new(Scene::new(spec).unwrap()), camera).unwrap();
-    let spot = LightKind::Spot {
-        attenuation: [1.0, 0.1, 0.0],
-        exponent: 5.0,
-        cutoff: 60.0,
-    };
-    let still = Light {
-        is_headlight: false,
-        ..light(spot, 1.0)
-    };
     view.set_geoms(&mixed_geoms(), &[]).unwrap();
-    view.set_lights(&[light(LightKind::Directional, 1.0), still])
+    view.set_lights(&[light(LightKind::Directional, 1.0), still(SPOT)])
         .unwrap();
     view
 }
@@ -400,6 +418,38 @@ fn averaging_four_samples_rounds_to_the_nearest() {
         );
         assert!(levels.len() >= 4, "edges are smoothed: {levels:?}");
     }
+}
+
+#[test]
+fn a_ball_keeps_the_light_of_its_lamp_from_the_floor_below() {
+    let half_size = [2.0, 2.0];
+    let floor = Geom::new(Shape::Plane {
+        half_size,
+        spacing: 0.1,
+    });
+    let ball = Geom {
+        position: [0.0, 0.0, 1.0],
+        ..Geom::new(Shape::Sphere { radius: 0.5 })
+    };
+    let clear = Geom {
+        casts_shadow: false,
+        ..ball
+    };
+    // From the side, so that the floor below the ball is seen.
+    let look = |geom: Geom, has_shadows: bool| {
+        let mut view = view_of(&[floor, geom], camera([-2.0, 0.0, 0.6], 0.0, -16.0));
+        view.set_lights(&[still(LightKind::Directional)]).unwrap();
+        let effects = Effects {
+            has_shadows,
+            ..Effects::default()
+        };
+        view.set_effects(effects);
+        picture(&view, Antialias::Off, Kind::detect())
+    };
+    let (shaded, lit) = (look(ball, true), look(ball, false));
+    assert!(shaded != lit);
+    assert!(shaded.iter().zip(&lit).all(|(a, b)| a <= b));
+    assert!(look(clear, true) == lit);
 }
 
 #[test]

@@ -6,16 +6,20 @@
 use std::sync::Arc;
 
 use crate::assets::{Scene, below, finite};
-use crate::camera::{Camera, Projection, check_camera};
+use crate::camera::{Camera, Lens, Projection, check_camera};
 use crate::error::{Error, Result, check_len};
 use crate::math::V3;
 use crate::parts::{Mapping, Part, PlaneSizes, brings_uv, mapping_of, nominal_size, push_parts};
-use crate::scene::{Geom, Light, LightKind, Shape, Soft};
+use crate::scene::{Fog, Geom, Light, LightKind, Shape, Soft};
 use crate::solid::Solid;
 use crate::texture::TextureKind;
 
 /// What is shown besides geoms.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(
+    clippy::struct_excessive_bools,
+    reason = "five switches that do not depend on each other"
+)]
 pub struct Effects {
     /// The scene's sky, if it has one.
     pub has_sky: bool,
@@ -23,6 +27,10 @@ pub struct Effects {
     pub has_haze: bool,
     /// Shadows of the lights that cast them; without, such lights shine through everything.
     pub has_shadows: bool,
+    /// What the first geom that can mirrors.
+    pub has_reflections: bool,
+    /// The scene's fog, if it has one.
+    pub has_fog: bool,
 }
 
 impl Default for Effects {
@@ -31,6 +39,8 @@ impl Default for Effects {
             has_sky: true,
             has_haze: true,
             has_shadows: true,
+            has_reflections: true,
+            has_fog: false,
         }
     }
 }
@@ -214,6 +224,12 @@ impl View {
     /// Whether a light is kept off by what is in its way.
     pub(crate) fn has_shadow(&self, light: &Light) -> bool {
         self.effects.has_shadows && self.scene.shadows.size >= 4 && light.casts_shadow
+    }
+
+    /// The fog that is shown, and whether distances are those of a parallel projection.
+    pub(crate) fn fog(&self) -> Option<(Fog, bool)> {
+        let fog = self.scene.fog.filter(|_| self.effects.has_fog)?;
+        Some((fog, matches!(self.camera.lens, Lens::Parallel { .. })))
     }
 
     /// A solid by the number that a part has for it.
