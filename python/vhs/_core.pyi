@@ -1307,15 +1307,15 @@ class RolloutLearner:
     ) -> None:
         """Give a command to each environment.
 
-        `actions` are offset and size of a row, and the rows, contiguous. There is a blob for each environment, one
-        for all, or none.
+        `actions` are offset and size of a row, and the rows, contiguous. There is a blob for each
+        environment, one for all, or none.
         """
 
     def check_held(self, env_ids: ArrayLike) -> None:
         """Refuse environments that do not exist, are named twice or have a command under way."""
 
     def under_way(self, ticket: int) -> int:
-        """Commands whose answers have not been received; what was filled for `ticket` counts as not received."""
+        """Commands whose answers have not been received; what was filled for `ticket` is not received."""
 
     def is_filled(self, ticket: int) -> bool:
         """Whether `recv` has filled a block for this ticket."""
@@ -1335,7 +1335,7 @@ class RolloutLearner:
         """Wait as `wait` and fill the block: rows, rows with a final observation, rows to look at.
 
         None also where there are not so many under way; without a number, all that are.
-        Once a ticket: called again with the same ticket and block, after an interrupt, it tells the same again.
+        Once a ticket: called again with the same ticket and block, after an interrupt, it tells the same.
         """
 
     def seed_next(self, env_ids: ArrayLike, seeds: Sequence[int | None]) -> None: ...

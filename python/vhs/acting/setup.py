@@ -46,6 +46,7 @@ def make_stepping(config: Config, task: Task, spec: TaskSpec, count: int) -> Ste
         seed=config.seed,  # of the episodes that begin where a worker died
         autoreset="Disabled",
         on_error="raise",
+        deadline_s=config.env.deadline_s,
     )
     return PooledStepping(pool, config.env.min_ready)
 

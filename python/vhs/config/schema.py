@@ -70,6 +70,9 @@ class EnvSection(_Section):
     min_ready: PositiveInt | None = None
     """Rooms that must have answered before the next inference; null waits for all (lock-step), and then the
     result does not depend on the number of workers. Without workers all have always answered."""
+    deadline_s: PositiveFloat = 60.0
+    """Seconds that an environment may take for a step or a reset; after them its worker is replaced, and its
+    episodes are played again from their seeds and actions."""
     renderer: str = "raster"
     """What draws the camera image, as `vhs.envs` names it."""
     room: dict[str, Any] = Field(default_factory=dict)

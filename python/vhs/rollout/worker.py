@@ -170,11 +170,17 @@ class _Loop:
         self._setup, self._common = setup, setup.common
         self._rolls = setup.common.autoreset is Autoreset.SAME_STEP
         self._observations = Nest(setup.common.observation_space, "observation")
-        self._is_any_loose = bool(self._observations.loose)
         self._actions = Nest(setup.common.action_space, "action")
+        # Looked up once, not with every step.
+        self._write, self._read = self._observations.write, self._actions.read
+        self._is_any_loose, self._is_any_float = (
+            bool(self._observations.loose),
+            bool(self._observations.floats),
+        )
         self._end = RolloutWorker(
             setup.common.memory.number, setup.common.sizes, setup.worker, setup.common.deadline_s, setup.cpu
         )
+        self._commit = self._end.commit
         if setup.cpu is not None:
             sys.addaudithook(self._untie)
         _reseed_global_numbers(setup.common.entropy, setup.worker, self._end.epoch)
@@ -232,7 +238,7 @@ class _Loop:
         if blob:
             env.blob[: len(blob)] = np.frombuffer(blob, np.uint8)
             flags |= BLOB
-        self._end.commit(env.local, flags, reward, step, env.seed or 0, len(blob), version)
+        self._commit(env.local, flags, reward, step, env.seed or 0, len(blob), version)
 
     def _do(self, env: Env, code: int, next_seed: int | None, blob_bytes: int) -> Answer:
         if code == STEP and env.state is RUNNING:
@@ -312,7 +318,7 @@ class _Loop:
         return OUTSIDE
 
     def _step(self, env: Env, next_seed: int | None, blob_bytes: int) -> Answer:
-        action = self._told(env, blob_bytes) if blob_bytes else self._actions.read(env.action_views)
+        action = self._told(env, blob_bytes) if blob_bytes else self._read(env.action_views)
         env.step += 1
         observation, reward, terminated, truncated, info = env.env.step(action)
         reward = float(reward)
@@ -320,12 +326,12 @@ class _Loop:
         has_ended = flags != 0
         is_rolled = has_ended and self._rolls
         views = env.final_views if is_rolled else env.observation_views
-        loose = self._observations.write(views, observation)
+        loose = self._write(views, observation)
         if env.looks:
             flags |= self._look(env, observation)
         # NaN is the one number that differs from itself.
         where = "the reward" if reward != reward else None
-        if where is None and self._observations.floats:
+        if where is None and self._is_any_float:
             where = self._find_nan(views)
         if where is not None:
             return self._quarantine(env, where, next_seed)

@@ -35,6 +35,7 @@ _MOST_BYTES = 10_000_000
 
 MAY_CHANGE = frozenset(
     {
+        "env.deadline_s",
         "env.num_workers",
         "train.episodes",
         "train.checkpoint_every_s",

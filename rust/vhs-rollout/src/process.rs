@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::sync::Once;
 use std::time::Duration;
 
-use vhs_core::error::{Error, Result};
+use vhs_base::error::{Error, Result};
 
 use crate::mapping::checked;
 use crate::sync::{AtomicU32, Ordering};

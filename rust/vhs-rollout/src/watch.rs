@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use vhs_core::error::{Error, Result};
+use vhs_base::error::{Error, Result};
 
 use crate::clock::monotonic_ns;
 use crate::layout::Post;
