@@ -19,7 +19,7 @@ from vhs.config import Config, dump_config, load_config
 from vhs.config.variants import differing_keys, flat_config
 from vhs.errors import CheckpointError, ConfigError
 from vhs.reading import read_bounded
-from vhs.runs.checkpoint import newest_checkpoint, remove_partial_checkpoints
+from vhs.runs.checkpoint import has_checkpoint, newest_checkpoint, remove_partial_checkpoints
 from vhs.runs.files import is_partial, remove_partial, write_files, writing
 from vhs.runs.lock import hold
 from vhs.runs.rows import LOG_NAME
@@ -111,10 +111,10 @@ def _is_ours(run: Path) -> bool:
     if not run.is_dir():
         return False
     names = {path.name for path in run.iterdir() if not is_partial(path)}
-    if names <= {LOCK_NAME} or is_exported(run):
+    if names <= {LOCK_NAME} or is_exported(run) or has_checkpoint(run):
         return True
     # Somebody's own overlay is a `config.yaml` as well.
-    return CONFIG_NAME in names and not names.isdisjoint({META_NAME, LOCK_NAME, "checkpoints"})
+    return CONFIG_NAME in names and not names.isdisjoint({META_NAME, LOCK_NAME})
 
 
 def _meta(run: Path, start: dict[str, Any], episodes: int) -> dict[str, Any]:
