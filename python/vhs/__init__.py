@@ -31,6 +31,7 @@ from vhs._core import (
     VhsError,
     WindowBatch,
     discounted_returns,
+    egomotion,
     relabel,
 )
 from vhs._core import __version__ as __version__
@@ -74,6 +75,7 @@ __all__ = [
     "VhsError",
     "WindowBatch",
     "discounted_returns",
+    "egomotion",
     "relabel",
 ]
 

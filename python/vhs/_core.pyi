@@ -55,6 +55,7 @@ __all__ = [
     "VhsError",
     "WindowBatch",
     "discounted_returns",
+    "egomotion",
     "relabel",
 ]
 
@@ -1091,6 +1092,35 @@ def discounted_returns(
     Raises:
         ShapeError, DtypeError, LabelError, ArgumentError: For an argument that does not fit.
         NonFiniteError: For NaN or infinity inside an episode.
+    """
+
+def egomotion(
+    actions: ArrayLike,
+    blocked: NDArray[np.bool_],
+    lengths: ArrayLike,
+    moves: ArrayLike,
+    *,
+    ahead_m: float = 0.0,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Dead reckoning: where the end of each padded episode lay, seen from the beginning of each of its steps.
+
+    The moves are undone one by one from the end; an action first moves forward and then turns. What lies
+    after an episode's end is not read.
+
+    Args:
+        actions: int64 [B, T].
+        blocked: Steps that went nowhere, bool [B, T]: their way forward is not counted, their turn is.
+        lengths: Steps of each episode, int64 [B], in 0..=T.
+        moves: What each action does, float32 [actions, 2]: metres forward, radians to the left.
+        ahead_m: What is looked for lies so many metres in front of the last pose, at least 0.
+
+    Returns:
+        Bearings in radians, in -pi..=pi, 0 straight ahead and positive to the left, and distances in metres:
+        float32 [B, T] each, zero after an episode's end.
+
+    Raises:
+        ShapeError, DtypeError, LabelError, ArgumentError: For an argument that does not fit.
+        NonFiniteError: For a move that is NaN or infinite.
     """
 
 @final

@@ -186,6 +186,9 @@ class TaskSpec:
     """Interactions that can be instructed; 0 where an instruction names none."""
     success_reward: float | None = None
     """What the environment pays for the last step of a success; None where nobody said."""
+    moves: Mapping[int, tuple[float, float]] | None = None
+    """Action -> what it does to the pose: metres forward, then radians to the left; the other actions leave
+    it as it is. None where nobody said."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -208,6 +211,9 @@ class Task:
     """Action -> the interaction that it does; actions count from 0, whatever their space begins with."""
     success_reward: float | None = None
     """What the environment pays for the last step of a success, where the method asks for it."""
+    moves: Mapping[int, tuple[float, float]] | None = None
+    """Action -> what it does to the pose: metres forward, then radians to the left; the other actions leave
+    it as it is. None: there is no pose, or nobody knows."""
     goals: tuple[str, ...] | None = None
     """Names of the goal classes; None: numbers."""
 
@@ -252,6 +258,8 @@ class Task:
             success_reward=self.success_reward,
         )
         self._check_names(env, spec)
+        self._check_moves(spec)
+        spec = replace(spec, moves=self.moves)
         if len(spec.frame_shape) == 2:
             # What embeds frames wants channels: a grey picture has one.
             return replace(spec, frame_shape=(*spec.frame_shape, 1))
@@ -277,6 +285,17 @@ class Task:
             raise ArgumentError(
                 f"`goals`: expected {told} names, one a goal class of {self.name}, got {len(self.goals)}"
             )
+
+    def _check_moves(self, spec: TaskSpec) -> None:
+        for action, move in (self.moves or {}).items():
+            if spec.action_dim or not 0 <= action < spec.num_actions:
+                numbers = 0 if spec.action_dim else spec.num_actions
+                raise ArgumentError(f"`moves`: expected one of {numbers} numbered actions, got {action}")
+            if len(move) != 2 or not np.isfinite(move).all():
+                raise ArgumentError(
+                    f"`moves`: expected two finite numbers for action {action}, metres forward and radians "
+                    f"to the left, got {move}"
+                )
 
     def goal_name(self, label: int) -> str:
         """A goal class for people."""

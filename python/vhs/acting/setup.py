@@ -140,6 +140,11 @@ def check_spec(config: Config, task: Task, spec: TaskSpec) -> None:
             f"task {task.name}: expected frames uint8 [height, width, channels], "
             f"found {spec.frame_dtype} {list(spec.frame_shape)}"
         )
+    if config.method.localisation_weight and spec.moves is None:
+        raise ConfigError(
+            f"method.localisation_weight: expected 0 or null, as task {task.name} has no `moves` that say "
+            f"what its actions do to the pose, found {config.method.localisation_weight}"
+        )
     if config.method.value_target == "hindsight_return" and spec.success_reward is None:
         raise ConfigError(
             f"method.value_target: expected behaviour, as task {task.name} does not say what a success pays, "

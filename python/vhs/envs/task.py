@@ -7,6 +7,7 @@ first environment.
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from functools import partial
@@ -84,6 +85,11 @@ def _room_task(name: str, kind: RoomTask, config: RoomConfig, renderer: str) -> 
         max_steps=config.horizon_steps,
         interactions=last_actions(kind.num_actions, kind.interactions),
         success_reward=config.reward_success + config.reward_step,
+        moves={
+            MOVE_FORWARD: (config.stride_m, 0.0),
+            TURN_LEFT: (0.0, math.radians(config.turn_deg)),
+            TURN_RIGHT: (0.0, -math.radians(config.turn_deg)),
+        },
         goals=OBJECT_NAMES,
         actions=("MoveForward", "TurnLeft", "TurnRight", *interact[: kind.interactions]),
         keys=keys,

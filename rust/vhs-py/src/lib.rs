@@ -18,6 +18,7 @@ macro_rules! stub {
 mod arrays;
 mod batch;
 mod bytes;
+mod egomotion;
 mod episode_buffer;
 mod error;
 mod goals;
@@ -44,6 +45,8 @@ mod transitions;
 mod _core {
     #[pymodule_export]
     use crate::batch::{EpisodeBatch, Hindsight};
+    #[pymodule_export]
+    use crate::egomotion::egomotion;
     #[pymodule_export]
     use crate::episode_buffer::EpisodeBuffer;
     #[pymodule_export]
