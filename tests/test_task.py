@@ -83,7 +83,7 @@ def test_the_rooms_are_tasks(name: str) -> None:
     assert spec.num_goals == 5
     assert spec.max_episode_steps == 20
     assert set(task.keys.values()) == set(range(spec.num_actions))
-    env = task.make()
+    env = task.new_env()
     env.reset(seed=1)
     assert task.shortest is not None
     assert 1 <= task.shortest(env) <= 20

@@ -35,7 +35,7 @@ from vhs._core import (
 )
 from vhs._core import __version__ as __version__
 from vhs.raster import RasterRenderer
-from vhs.task import Outcome, Seen, Task, TaskSpec
+from vhs.task import Move, Outcome, OutcomeReward, Seen, Task, TaskSpec, Turn
 
 if TYPE_CHECKING:
     from vhs.recorder import HindsightRecorder
@@ -56,9 +56,11 @@ __all__ = [
     "HindsightRecorder",
     "LabelError",
     "LayoutError",
+    "Move",
     "NonFiniteError",
     "OutOfMemoryError",
     "Outcome",
+    "OutcomeReward",
     "ProtocolError",
     "Prototypes",
     "RasterRenderer",
@@ -70,6 +72,7 @@ __all__ = [
     "Task",
     "TaskSpec",
     "TransitionBatch",
+    "Turn",
     "UnsupportedError",
     "VhsError",
     "WindowBatch",

@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from importlib import import_module
+from inspect import Parameter, signature
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
@@ -27,10 +29,14 @@ __all__ = [
     "GoalReader",
     "Instruction",
     "Judge",
+    "Motion",
+    "Move",
     "Outcome",
+    "OutcomeReward",
     "Seen",
     "Task",
     "TaskSpec",
+    "Turn",
     "default_outcome",
     "last_actions",
     "read_spec",
@@ -64,6 +70,43 @@ class Outcome(IntEnum):
 
 Judge = Callable[[float, bool, bool, dict[str, Any]], Outcome]
 """(reward, terminated, truncated, info) of the last step -> outcome."""
+
+
+@dataclass(frozen=True, slots=True)
+class OutcomeReward:
+    """Rewards by how an episode ends, in place of the environment's."""
+
+    success: float = 10.0
+    failure: float = -1.0
+    timeout: float = -0.1
+    step: float = -0.01
+    """Of every step, the last one included."""
+
+    def of(self, outcome: Outcome | None) -> float:
+        """The reward of a step: of the one that ended its episode so, or of another where it is None."""
+        return self.step + (0.0 if outcome is None else getattr(self, outcome.name.lower()))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Move:
+    """What an action does to the pose where nothing is in the way: a move in the agent's own frame."""
+
+    forward_m: float = 0.0
+    """Along the heading, in metres or whatever unit all moves of a task share."""
+    left_m: float = 0.0
+    """Across it, in the same unit."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Turn:
+    """What an action does to the pose: a turn on the spot."""
+
+    deg: float
+    """Degrees, positive to the left."""
+
+
+Motion = Move | Turn
+"""What one action does to the pose."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +215,7 @@ class TaskSpec:
     max_episode_steps: int
     frame_dtype: DTypeLike = np.uint8
     action_dim: int = 0
-    """Numbers in a continuous action; 0 where actions are numbered."""
+    """Numbers in a continuous action, each in -1..1, its bounds; 0 where actions are numbered."""
     goals: Literal["labels", "observations", "vectors"] = "labels"
     """What a goal is: a class, an observation or a vector."""
     num_goals: int = 1
@@ -186,22 +229,31 @@ class TaskSpec:
     """Interactions that can be instructed; 0 where an instruction names none."""
     success_reward: float | None = None
     """What the environment pays for the last step of a success; None where nobody said."""
+    moves: Mapping[int, Motion] = field(default_factory=dict)
+    """Action -> what it does to the pose, where known; the other actions leave it as it is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """What a user says of an environment; everything but `name` and `make` may be left out."""
+    """What a user says of an environment; everything but `make` may be left out."""
 
-    name: str
-    """In configurations, file names and tables."""
-    make: Callable[..., gymnasium.Env[Any, Any]]
-    """Makes one environment; takes what `gymnasium.make` takes beside the id, as `render_mode`."""
+    make: str | Callable[..., gymnasium.Env[Any, Any]]
+    """Makes one environment: a function, or an id of gymnasium's, ``EnvId`` or ``module:EnvId``.
+
+    For pictures it gets ``render_mode="rgb_array"`` where it takes that.
+    """
+    kwargs: Mapping[str, Any] = field(default_factory=dict)
+    """What it is called with; the `env.kwargs` of a configuration go over them."""
+    name: str = ""
+    """In file names and tables; a task that is found by its file or its module has that name otherwise."""
     title: str = ""
     """For people; the name where it is empty."""
     read: GoalReader | None = None
     """Observation -> `Seen`; None: by the observation space, `GoalDict` or `Instruction`."""
     judge: Judge = default_outcome
     """Says how an episode ended."""
+    reward: OutcomeReward | None = None
+    """None: what the environment pays."""
     max_steps: int | None = None
     """Of the longest episode; None: that of the environment's registration."""
     interactions: Mapping[int, int] = field(default_factory=dict)
@@ -210,6 +262,10 @@ class Task:
     """What the environment pays for the last step of a success, where the method asks for it."""
     goals: tuple[str, ...] | None = None
     """Names of the goal classes; None: numbers."""
+    moves: Mapping[int, Motion] | None = None
+    """What each action does to the pose, where known: hindsight localisation needs it, nothing else does."""
+    replayable: bool = True
+    """Whether a seed and actions repeat an episode bit for bit; a resumed run drops what it cannot repeat."""
 
     # For people and evaluation alone; what is missing is left out of tables, charts and pictures.
     actions: tuple[str, ...] = ()
@@ -220,6 +276,19 @@ class Task:
     """`info` of the last step -> the goal class that was reached, -1 for none."""
     shortest: Callable[[gymnasium.Env[Any, Any]], int | None] | None = None
     """Fewest steps to success from the start of an environment's episode; None where there is no way."""
+    metrics: tuple[str, ...] = ()
+    """Numbers in `info` of the last step whose means an evaluation shows."""
+
+    def new_env(self, *, rendering: bool = False) -> gymnasium.Env[Any, Any]:
+        """One environment; `rendering` asks for one that `render` draws, where there is such a one."""
+        kwargs = dict(self.kwargs)
+        if rendering and _can_render(self.make):
+            kwargs.setdefault("render_mode", "rgb_array")
+        if isinstance(self.make, str):
+            import gymnasium
+
+            return gymnasium.make(self.make, **kwargs)
+        return self.make(**kwargs)
 
     def reader(self, env: gymnasium.Env[Any, Any]) -> GoalReader:
         """`read`, or what fits the observation space.
@@ -235,7 +304,7 @@ class Task:
         Raises:
             ArgumentError: As for `read_spec`; for names or interactions that do not fit the environment.
         """
-        with closing(self.make()) as env:
+        with closing(self.new_env()) as env:
             return self._spec_of(env)
 
     def _spec_of(self, env: gymnasium.Env[Any, Any]) -> TaskSpec:
@@ -249,8 +318,9 @@ class Task:
             max_episode_steps=self.max_steps,
             num_goals=None if self.goals is None else len(self.goals),
             interactions=self.interactions,
-            success_reward=self.success_reward,
+            success_reward=self.reward.of(Outcome.SUCCESS) if self.reward else self.success_reward,
         )
+        spec = replace(spec, moves=dict(self.moves or {}))
         self._check_names(env, spec)
         if len(spec.frame_shape) == 2:
             # What embeds frames wants channels: a grey picture has one.
@@ -258,9 +328,11 @@ class Task:
         return spec
 
     def _check_names(self, env: gymnasium.Env[Any, Any], spec: TaskSpec) -> None:
-        beyond = max(self.interactions, default=0)
-        if beyond >= spec.num_actions:
-            raise ArgumentError(f"`interactions`: expected actions below {spec.num_actions}, got {beyond}")
+        named = {"interactions": self.interactions, "moves": spec.moves, "keys": self.keys.values()}
+        for name, actions in named.items():
+            beyond = max(actions, default=0)
+            if beyond >= spec.num_actions:
+                raise ArgumentError(f"`{name}`: expected actions below {spec.num_actions}, got {beyond}")
         told = _classes(env.observation_space, "interaction")
         if told is not None and told > max(1, spec.num_interactions):
             raise ArgumentError(
@@ -378,6 +450,22 @@ def _actions(space: spaces.Space[Any]) -> tuple[int, int]:
 def _stored(dtype: np.dtype[Any]) -> np.dtype[Any]:
     """The type in which a buffer keeps numbers of this one."""
     return np.dtype(np.uint8) if dtype == np.bool_ else dtype
+
+
+def _can_render(make: str | Callable[..., Any]) -> bool:
+    """Whether what makes an environment takes ``render_mode="rgb_array"``."""
+    if isinstance(make, str):
+        import gymnasium
+        from gymnasium.envs.registration import load_env_creator
+
+        module, _, name = make.rpartition(":")
+        if module:
+            import_module(module)
+        entry = gymnasium.spec(name).entry_point
+        creator = load_env_creator(entry) if isinstance(entry, str) else entry
+        return "rgb_array" in getattr(creator, "metadata", {}).get("render_modes", ())
+    found = signature(make).parameters
+    return "render_mode" in found or any(one.kind is Parameter.VAR_KEYWORD for one in found.values())
 
 
 def _entry(observation: Any, entry: str | Callable[[Any], Any]) -> Any:

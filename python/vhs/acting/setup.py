@@ -27,9 +27,9 @@ def task_of(config: Config) -> Task:
     return load_task(config.task, room=config.env.room, renderer=config.env.renderer)
 
 
-def make_env(task: Task, spec: TaskSpec, **kwargs: object) -> TaskEnv:
-    """One environment of a task; `kwargs` go to `Task.make`."""
-    return TaskEnv(task.make(**kwargs), task, spec)
+def make_env(task: Task, spec: TaskSpec, *, rendering: bool = False) -> TaskEnv:
+    """One environment of a task; `rendering` as for `Task.new_env`."""
+    return TaskEnv(task.new_env(rendering=rendering), task, spec)
 
 
 def make_stepping(config: Config, task: Task, spec: TaskSpec, count: int) -> Stepping:

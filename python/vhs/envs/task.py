@@ -9,13 +9,13 @@ from __future__ import annotations
 import difflib
 from collections.abc import Mapping
 from dataclasses import fields
-from functools import partial
 from typing import Any
 
 import gymnasium
 
 from vhs.envs.config import (
     FIRST_INTERACTION,
+    HEADINGS,
     INTERACTIVE_OBJECT_NAV,
     MOVE_FORWARD,
     MULTI_INTERACTION_OBJECT_NAV,
@@ -27,7 +27,7 @@ from vhs.envs.config import (
     RoomTask,
 )
 from vhs.errors import ConfigError
-from vhs.task import Task, last_actions
+from vhs.task import Move, Task, Turn, last_actions
 
 ROOMS = {"task1": OBJECT_NAV, "task2": INTERACTIVE_OBJECT_NAV, "task3": MULTI_INTERACTION_OBJECT_NAV}
 """Name of a task -> what sets it apart."""
@@ -80,7 +80,8 @@ def _room_task(name: str, kind: RoomTask, config: RoomConfig, renderer: str) -> 
     return Task(
         name=name,
         title=kind.title,
-        make=partial(gymnasium.make, kind.env_id, config=config, renderer=renderer),
+        make=kind.env_id,
+        kwargs={"config": config, "renderer": renderer},
         max_steps=config.horizon_steps,
         interactions=last_actions(kind.num_actions, kind.interactions),
         success_reward=config.reward_success + config.reward_step,
@@ -89,6 +90,11 @@ def _room_task(name: str, kind: RoomTask, config: RoomConfig, renderer: str) -> 
         keys=keys,
         reached=reached_object,
         shortest=shortest_way,
+        moves={
+            MOVE_FORWARD: Move(forward_m=config.stride_m),
+            TURN_LEFT: Turn(deg=360 / HEADINGS),
+            TURN_RIGHT: Turn(deg=-360 / HEADINGS),
+        },
     )
 
 

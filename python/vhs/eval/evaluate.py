@@ -110,7 +110,7 @@ def _shortest(task: Task, seeds: list[int]) -> NDArray[np.float64] | None:
     """Fewest steps to success for each seed, infinite where there is no way; None where nobody knows."""
     if task.shortest is None:
         return None
-    env = task.make()
+    env = task.new_env()
     lengths: list[float] = []
     for seed in seeds:
         env.reset(seed=seed)

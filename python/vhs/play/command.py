@@ -63,7 +63,7 @@ def play(
 
 
 def _moments(agent: Policy, seeds: Iterator[int], seed: int, greedy: bool) -> Iterator[Moment]:
-    env = make_env(agent.task, agent.spec, render_mode="rgb_array")
+    env = make_env(agent.task, agent.spec, rendering=True)
     return play_moments(agent, env, seeds, seed, greedy)
 
 
