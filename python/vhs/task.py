@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from vhs._core import ArgumentError
+from vhs.asking import asking
 
 if TYPE_CHECKING:
     import gymnasium
@@ -188,8 +189,8 @@ def default_outcome(reward: float, terminated: bool, truncated: bool, info: dict
     return Outcome.TIMEOUT
 
 
-def reader_of(space: spaces.Space[Any]) -> GoalReader:
-    """The reader that fits an observation space.
+def reader_of(space: spaces.Space[Any], field: str = "reader") -> GoalReader:
+    """The reader that fits an observation space; `field` is what an error says was not given.
 
     Raises:
         ArgumentError: For a space that says nothing of goals.
@@ -200,7 +201,7 @@ def reader_of(space: spaces.Space[Any]) -> GoalReader:
     if {"image", "goal"} <= entries:
         return Instruction(interaction="interaction" if "interaction" in entries else None)
     raise ArgumentError(
-        "`reader`: expected one for an observation space without achieved_goal and desired_goal, or image "
+        f"`{field}`: expected one for an observation space without achieved_goal and desired_goal, or image "
         f"and goal, got None for {space}"
     )
 
@@ -296,7 +297,7 @@ class Task:
         Raises:
             ArgumentError: For a space that says nothing of goals where `read` is None.
         """
-        return self.read or reader_of(env.observation_space)
+        return self.read or reader_of(env.observation_space, "read")
 
     def spec(self) -> TaskSpec:
         """Sizes and types of this task, read off an environment that is closed again.
@@ -304,17 +305,24 @@ class Task:
         Raises:
             ArgumentError: As for `read_spec`; for names or interactions that do not fit the environment.
         """
-        with closing(self.new_env()) as env:
+        with asking(self.name, "make"):
+            env = self.new_env()
+        with closing(env):
             return self._spec_of(env)
 
     def _spec_of(self, env: gymnasium.Env[Any, Any]) -> TaskSpec:
         # A reset may draw, and an OpenGL context opened before workers are forked is of no use to them: where
         # the space alone says how to read an observation, a sample of it will do.
         observation = env.observation_space.sample() if self.read is None else env.reset()[0]
+        reader = self.reader(env)
+        with asking(self.name, "read"):
+            seen = reader(observation)
+        if self.max_steps is None and not (env.spec and env.spec.max_episode_steps):
+            raise ArgumentError(f"`max_steps`: expected a number, as {self.name} registers none, got None")
         spec = read_spec(
             env,
             observation,
-            reader=self.reader(env),
+            reader=lambda _: seen,
             max_episode_steps=self.max_steps,
             num_goals=None if self.goals is None else len(self.goals),
             interactions=self.interactions,

@@ -13,8 +13,9 @@ from torch import Tensor
 from vhs import EpisodeBuffer
 from vhs.acting.actor import Actor
 from vhs.acting.players import AgentPlayer
-from vhs.acting.setup import check_runnable, check_spec, convolution_dtype, task_of, to_act_here
+from vhs.acting.setup import check_runnable, check_spec, convolution_dtype, is_room, task_of, to_act_here
 from vhs.config import Config
+from vhs.errors import ConfigError
 from vhs.learning.goals import ClassGoals, make_goals
 from vhs.models import GoalAgent, make_agent
 from vhs.runs.checkpoint import fitting, load_checkpoint
@@ -93,9 +94,14 @@ def load_agent(path: Path | str, task: Task | None = None) -> Policy:
 
     Raises:
         CheckpointError: neither is there, it is damaged, or it does not fit its own configuration.
-        ConfigError: its configuration cannot run here.
+        ConfigError: its configuration cannot run here, or an exported agent's task is no room and not given.
     """
     path = Path(path)
+    if task is None and is_exported(path) and not is_room(config := read_config(path)):
+        raise ConfigError(
+            f"{path}: expected to be told the task of an exported agent, since no code is run because a stranger "
+            f"names it: --task FILE.py (it says {config.task_name}), or `task=`"
+        )
     policy = make_policy(to_act_here(read_config(path)), task)
     policy.agent.eval()
     if is_exported(path):

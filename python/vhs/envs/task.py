@@ -1,4 +1,4 @@
-"""The three rooms said as tasks, and the one place that turns the name of a task into a `Task`.
+"""The three rooms said as tasks.
 
 What the trainer, evaluation, films and reports know of the rooms they know from here. MuJoCo comes with the
 first environment.
@@ -33,8 +33,8 @@ ROOMS = {"task1": OBJECT_NAV, "task2": INTERACTIVE_OBJECT_NAV, "task3": MULTI_IN
 """Name of a task -> what sets it apart."""
 
 
-def load_task(name: str, *, room: Mapping[str, Any] | None = None, renderer: str = "raster") -> Task:
-    """The task of a name.
+def load_room(name: str, *, room: Mapping[str, Any] | None = None, renderer: str = "raster") -> Task:
+    """The task of a room.
 
     Args:
         name: A key of `ROOMS`.
