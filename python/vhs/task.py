@@ -276,7 +276,8 @@ class Task:
     reached: Callable[[Mapping[str, Any]], int] | None = None
     """`info` of the last step -> the goal class that was reached, -1 for none."""
     shortest: Callable[[gymnasium.Env[Any, Any]], int | None] | None = None
-    """Fewest steps to success from the start of an environment's episode; None where there is no way."""
+    """Fewest steps to success from the start of an episode, of the environment without its wrappers; None
+    where there is no way."""
     metrics: tuple[str, ...] = ()
     """Numbers in `info` of the last step whose means an evaluation shows."""
 

@@ -126,7 +126,7 @@ def _shortest(task: Task, seeds: list[int]) -> NDArray[np.float64] | None:
         for seed in seeds:
             env.reset(seed=seed)
             with asking(task.name, "shortest"):
-                steps = task.shortest(env)
+                steps = task.shortest(env.unwrapped)
             lengths.append(math.inf if steps is None else steps)
     return np.array(lengths, dtype=np.float64)
 

@@ -33,6 +33,7 @@ def play(
     greedy: bool = False,
     out: Path | None = None,
     is_human: bool = False,
+    task: Task | None = None,
 ) -> str:
     """Show episodes of a run's task, those that `vhs eval` plays for the same seed.
 
@@ -43,6 +44,7 @@ def play(
         greedy: take the likeliest action instead of sampling.
         out: GIF or MP4 to write; None opens a window.
         is_human: a person acts.
+        task: what the run is about; None: the task that its configuration names.
 
     Returns:
         What happened, in a sentence.
@@ -57,8 +59,8 @@ def play(
         check_film_path(out)
     seeds = islice(episode_seeds(seed, purpose=1), episodes)
     if is_human:
-        return _drive(run, seeds)
-    moments = _moments(load_agent(run), seeds, seed, greedy)
+        return _drive(run, seeds, task)
+    moments = _moments(load_agent(run, task), seeds, seed, greedy)
     return _show(run, moments) if out is None else _film(out, moments)
 
 
@@ -84,9 +86,9 @@ def _show(run: Path, moments: Iterator[Moment]) -> str:
     return f"{run}: window closed"
 
 
-def _drive(run: Path, seeds: Iterator[int]) -> str:
+def _drive(run: Path, seeds: Iterator[int], task: Task | None) -> str:
     config = to_act_here(read_config(run))
-    task = task_of(config)
+    task = task or task_of(config)
     check_runnable(config, task)
     if not task.keys:
         raise OutputError(f"--human: expected a task that says its keys, found none for {task.name}")

@@ -211,7 +211,7 @@ class Session:
         self.rows_until = self.progress.episodes
 
     def _doubt(self, log: TrainingLog) -> None:
-        """Say after the first row that no episode was a success: nobody learns from a judge that sees none."""
+        """Say after the first row that there was no success: nobody learns from a judge that sees none."""
         count = len(self._window.episodes)
         if count == self.progress.episodes >= _MANY and not self._window.rates()["success"]:
             log.say(
