@@ -12,9 +12,13 @@ import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vhs import VhsError, __version__
 from vhs.console import Output
+
+if TYPE_CHECKING:
+    from vhs import Task
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -82,15 +86,17 @@ def _add_eval(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--episodes", type=_positive, default=300, metavar="N", help="episodes to play (default: 300)"
     )
-    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="which rooms (default: 0)")
+    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="which episodes (default: 0)")
     parser.add_argument("--greedy", action="store_true", help="take the likeliest action instead of sampling")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
+    _add_task(parser)
     parser.set_defaults(run=_eval)
 
 
 def _add_export(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run_directory", type=Path, metavar="RUN", help="directory of a run")
     parser.add_argument("directory", type=Path, metavar="DIR", help="a new directory for the agent")
+    _add_task(parser)
     parser.set_defaults(run=_export)
 
 
@@ -135,14 +141,17 @@ def _add_play(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--episodes", type=_positive, default=3, metavar="N", help="episodes to play (default: 3)"
     )
-    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="which rooms (default: 0)")
+    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="which episodes (default: 0)")
     parser.add_argument("--greedy", action="store_true", help="take the likeliest action instead of sampling")
     parser.add_argument(
         "--out", type=Path, metavar="FILE", help="film to write, .gif or .mp4 (default: open a window)"
     )
     parser.add_argument(
-        "--human", action="store_true", help="drive the robot: arrow keys, 1 to 3 or space interact"
+        "--human",
+        action="store_true",
+        help="act by the keys of the task; in the rooms the arrow keys",
     )
+    _add_task(parser)
     parser.set_defaults(run=_play, extra="report")
 
 
@@ -156,7 +165,8 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--episodes", type=_positive, default=100, metavar="N", help="episodes to evaluate (default: 100)"
     )
-    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="which rooms (default: 0)")
+    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="which episodes (default: 0)")
+    _add_task(parser)
     parser.set_defaults(run=_report, extra="report")
 
 
@@ -173,7 +183,20 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=_bench)
 
 
+def _add_task(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--task",
+        metavar="TASK",
+        help="where the task of the run is now, as for `vhs train`",
+    )
+
+
 def _add_config(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--task",
+        metavar="TASK",
+        help="task1, task2 or task3, or your own: FILE.py, package.module:name, or a YAML file with `task`",
+    )
     parser.add_argument(
         "--config",
         type=Path,
@@ -196,7 +219,7 @@ def _train(options: argparse.Namespace) -> int:
     from vhs.runs.directory import default_run_directory
     from vhs.train import train
 
-    config = load_config(options.config, options.set)
+    config = load_config(options.config, options.set, task=options.task)
     finished = train(config, options.out or default_run_directory(config))
     return 0 if finished else 130
 
@@ -207,7 +230,11 @@ def _eval(options: argparse.Namespace) -> int:
     from vhs.runs.directory import is_exported
 
     result = evaluate(
-        options.run_directory, episodes=options.episodes, seed=options.seed, greedy=options.greedy
+        options.run_directory,
+        episodes=options.episodes,
+        seed=options.seed,
+        greedy=options.greedy,
+        task=_told_task(options, options.run_directory),
     ).as_dict()
     try:
         # An exported agent is what it was when it was shipped, its evaluations too.
@@ -225,10 +252,20 @@ def _eval(options: argparse.Namespace) -> int:
     return 0
 
 
+def _told_task(options: argparse.Namespace, run: Path) -> Task | None:
+    """The task that `--task` names; None where it is not given."""
+    if options.task is None:
+        return None
+    from vhs.acting.policy import told_task
+
+    return told_task(run, options.task)
+
+
 def _export(options: argparse.Namespace) -> int:
     from vhs.train.export import export_agent
 
-    trained = export_agent(options.run_directory, options.directory)
+    task = _told_task(options, options.run_directory)
+    trained = export_agent(options.run_directory, options.directory, task)
     size = sum(path.stat().st_size for path in options.directory.iterdir())
     options.say(f"exported {options.directory} ({trained.trained_episodes} episodes, {size / 1e6:.1f} MB)")
     options.say(f"evaluate it:  vhs eval {options.directory}")
@@ -278,6 +315,7 @@ def _play(options: argparse.Namespace) -> int:
         greedy=options.greedy,
         out=options.out,
         is_human=options.human,
+        task=_told_task(options, options.run_directory),
     )
     options.say(done)
     return 0
@@ -286,7 +324,8 @@ def _play(options: argparse.Namespace) -> int:
 def _report(options: argparse.Namespace) -> int:
     from vhs.report import report
 
-    options.say(report(options.path, options.out, episodes=options.episodes, seed=options.seed))
+    task = _told_task(options, options.path)
+    options.say(report(options.path, options.out, episodes=options.episodes, seed=options.seed, task=task))
     return 0
 
 
@@ -294,7 +333,7 @@ def _bench(options: argparse.Namespace) -> int:
     from vhs.config import load_config
     from vhs.train.bench import bench
 
-    config = load_config(options.config, options.set)
+    config = load_config(options.config, options.set, task=options.task)
     options.warn(f"measuring for {3 * options.seconds} seconds, and until a goal is reached")
     speed = bench(config, options.seconds)
     if options.json:

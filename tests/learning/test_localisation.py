@@ -13,7 +13,7 @@ from vhs import EpisodeBatch, EpisodeBuffer, Outcome
 from vhs.acting.setup import check_spec
 from vhs.config import load_config
 from vhs.envs import RoomEnv
-from vhs.envs.task import load_task
+from vhs.envs.task import load_room
 from vhs.errors import ConfigError
 from vhs.learning.learner import Learner
 from vhs.learning.reckoning import Reckoning
@@ -77,7 +77,7 @@ def test_only_what_reached_something_is_looked_back_on() -> None:
 
 def test_dead_reckoning_points_at_the_object_that_was_reached() -> None:
     """In rooms, on random walks that bump into things, against where the simulator has the object."""
-    task = load_task("task2")
+    task = load_room("task2")
     spec, env = task.spec(), task.make()
     room: RoomEnv = env.unwrapped
     assert spec.moves is not None

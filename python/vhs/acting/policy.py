@@ -13,13 +13,15 @@ from torch import Tensor
 from vhs import EpisodeBuffer
 from vhs.acting.actor import Actor
 from vhs.acting.players import AgentPlayer
-from vhs.acting.setup import check_runnable, check_spec, convolution_dtype, task_of, to_act_here
-from vhs.config import Config
+from vhs.acting.setup import check_runnable, check_spec, convolution_dtype, is_room, task_of, to_act_here
+from vhs.config import Config, EnvSection, resolve_config
+from vhs.config.load import read_task
+from vhs.errors import ConfigError
 from vhs.learning.goals import ClassGoals, make_goals
 from vhs.models import GoalAgent, make_agent
 from vhs.runs.agent_file import check_limits, read_agent
 from vhs.runs.checkpoint import fitting, load_checkpoint
-from vhs.runs.directory import AGENT_NAME, check_settings, is_exported, read_config
+from vhs.runs.directory import AGENT_NAME, CONFIG_NAME, check_settings, is_exported, read_config
 from vhs.task import Task, TaskSpec
 
 
@@ -85,6 +87,22 @@ def make_policy(config: Config, task: Task | None = None) -> Policy:
     return Policy(config, agent, goals, dtype, task, spec)
 
 
+def told_task(run: Path, named: str) -> Task:
+    """The task of a run, where a person says that it is.
+
+    Args:
+        run: directory of a run or of an exported agent, whose `env.kwargs` hold; or one that holds some.
+        named: as for `vhs.config.load.read_task`.
+
+    Raises:
+        ConfigError: it is not there.
+        CheckpointError: the configuration of the run is damaged.
+    """
+    config = read_config(run) if (run / CONFIG_NAME).exists() else Config()
+    env = EnvSection() if is_room(config) else config.env
+    return task_of(resolve_config([{"env": env.model_dump()}, read_task(named)]))
+
+
 def load_agent(path: Path | str, task: Task | None = None) -> Policy:
     """Load the newest checkpoint of a run, or an exported agent, ready to act: batch norm in evaluation mode.
 
@@ -94,10 +112,15 @@ def load_agent(path: Path | str, task: Task | None = None) -> Policy:
 
     Raises:
         CheckpointError: neither is there, it is damaged, or it does not fit its own configuration.
-        ConfigError: its configuration cannot run here.
+        ConfigError: its configuration cannot run here, or an exported agent's task is no room and not given.
     """
     path = Path(path)
     config = to_act_here(read_config(path))
+    if task is None and is_exported(path) and not is_room(config):
+        raise ConfigError(
+            f"{path}: expected to be told the task of an exported agent, as no code is run that a stranger "
+            f"names: --task FILE.py (it says {config.task_name}), or `task=`"
+        )
     if is_exported(path):
         return _load_exported(path, config, task)
     policy = make_policy(config, task)

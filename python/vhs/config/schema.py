@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from vhs.config.task import TaskKey, task_name
 from vhs.learning.methods import METHODS, Embedding, Method, check_method, settle
 
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -62,23 +63,25 @@ class _Section(BaseModel):
 
 
 class EnvSection(_Section):
-    """The rooms that the run collects from."""
+    """The environments that the run collects from."""
 
     num_envs: PositiveInt = 16
-    """Rooms stepped side by side (paper: 5 processes of one room)."""
+    """Environments stepped side by side (paper: 5 processes of one room)."""
     num_workers: Annotated[int, Field(ge=0)] | None = None
-    """Processes that step the rooms while this one learns; 0 steps them in this process; null is 1 on Linux,
-    which alone has such workers, and 0 elsewhere."""
+    """Processes that step the environments while this one learns; 0 steps them in this process; null is 1 on
+    Linux, which alone has such workers, and 0 elsewhere."""
     min_ready: PositiveInt | None = None
-    """Rooms that must have answered before the next inference; null waits for all (lock-step), and then the
-    result does not depend on the number of workers. Without workers all have always answered."""
+    """Environments that must have answered before the next inference; null waits for all (lock-step), and
+    then the result does not depend on the number of workers. Without workers all have always answered."""
     deadline_s: PositiveFloat = 60.0
     """Seconds that an environment may take for a step or a reset; after them its worker is replaced, and its
     episodes are played again from their seeds and actions."""
     renderer: str = "raster"
-    """What draws the camera image, as `vhs.envs` names it."""
+    """What draws the camera image of a room, as `vhs.envs` names it."""
     room: dict[str, Any] = Field(default_factory=dict)
-    """Overrides of `vhs.envs.RoomConfig`, for example ``{stride_m: 0.3}``."""
+    """Overrides of `vhs.envs.RoomConfig`, for example ``{stride_m: 0.3}``; for the rooms alone."""
+    kwargs: dict[str, Any] = Field(default_factory=dict)
+    """What an environment is made with, for example ``{size: 8}``; over the task's own."""
 
 
 class ModelSection(_Section):
@@ -242,12 +245,18 @@ class TrainSection(_Section):
 class Config(_Section):
     """Everything that defines a run; frozen once resolved."""
 
-    task: Literal["task1", "task2", "task3"] = "task2"
+    task: TaskKey = "task2"
+    """One of the rooms, task1 to task3, or a task of one's own: `vhs.config.task`."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
     env: EnvSection = Field(default_factory=EnvSection)
     model: ModelSection = Field(default_factory=ModelSection)
     method: MethodSection = Field(default_factory=MethodSection)
     train: TrainSection = Field(default_factory=TrainSection)
+
+    @property
+    def task_name(self) -> str:
+        """What the task is called in file names and tables."""
+        return task_name(self.task)
 
     @model_validator(mode="before")
     @classmethod

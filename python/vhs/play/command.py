@@ -35,6 +35,7 @@ def play(
     greedy: bool = False,
     out: Path | None = None,
     is_human: bool = False,
+    task: Task | None = None,
 ) -> str:
     """Show episodes of a run's task, those that `vhs eval` plays for the same seed.
 
@@ -45,6 +46,7 @@ def play(
         greedy: take the likeliest action instead of sampling.
         out: GIF or MP4 to write; None opens a window.
         is_human: a person acts.
+        task: what the run is about; None: the task that its configuration names.
 
     Returns:
         What happened, in a sentence.
@@ -59,13 +61,13 @@ def play(
         check_film_path(out)
     seeds = islice(episode_seeds(seed, purpose=1), episodes)
     if is_human:
-        return _drive(run, seeds)
-    moments = _moments(load_agent(run), seeds, seed, greedy)
+        return _drive(run, seeds, task)
+    moments = _moments(load_agent(run, task), seeds, seed, greedy)
     return _show(run, moments) if out is None else _film(out, moments)
 
 
 def _moments(agent: Policy, seeds: Iterator[int], seed: int, greedy: bool) -> Iterator[Moment]:
-    env = make_env(agent.task, agent.spec, render_mode="rgb_array")
+    env = make_env(agent.task, agent.spec, rendering=True)
     return play_moments(agent, env, seeds, seed, greedy)
 
 
@@ -89,9 +91,9 @@ def _show(run: Path, moments: Iterator[Moment]) -> str:
     return f"{run}: window closed"
 
 
-def _drive(run: Path, seeds: Iterator[int]) -> str:
+def _drive(run: Path, seeds: Iterator[int], task: Task | None) -> str:
     config = to_act_here(read_config(run))
-    task = task_of(config)
+    task = task or task_of(config)
     check_runnable(config, task)
     if not task.keys:
         raise OutputError(f"--human: expected a task that says its keys, found none for {task.name}")

@@ -16,6 +16,7 @@ from typing import Any
 
 from vhs import __version__
 from vhs.config import Config, dump_config, load_config
+from vhs.config.task import file_of
 from vhs.config.variants import differing_keys, flat_config
 from vhs.errors import CheckpointError, ConfigError
 from vhs.reading import read_bounded
@@ -51,7 +52,7 @@ rounding where `train.threads` or `train.device` changes, and for its order with
 
 def default_run_directory(config: Config) -> Path:
     """Where a run goes when nobody says: the same command finds the same directory again."""
-    return Path("runs") / f"{config.task}-{config.method.name}-seed{config.seed}"
+    return Path("runs") / f"{config.task_name}-{config.method.name}-seed{config.seed}"
 
 
 def check_run(config: Config, run: Path) -> None:
@@ -68,8 +69,10 @@ def check_run(config: Config, run: Path) -> None:
         )
     if is_exported(run):
         raise CheckpointError(f"{run}: holds an exported agent, which cannot train on; give another --out")
-    if (run / CONFIG_NAME).exists():
-        changed = _changed_keys(read_config(run), config) - MAY_CHANGE
+    # A start that failed before anything was learned holds nobody to what it was started with.
+    if (run / CONFIG_NAME).exists() and (has_checkpoint(run) or _has_rows(run)):
+        old = read_config(run)
+        changed = _changed_keys(old, config) - MAY_CHANGE - ({"task"} if _has_moved(old, config) else set())
         if changed:
             raise CheckpointError(
                 f"{run}: holds a run with other values of {', '.join(sorted(changed))}; "
@@ -202,6 +205,19 @@ def describe() -> dict[str, Any]:
         "machine": f"{platform.machine()}, {_processor()}",
         "time": datetime.now(UTC).isoformat(timespec="seconds"),
     }
+
+
+def _has_rows(run: Path) -> bool:
+    log = run / LOG_NAME
+    return log.exists() and log.stat().st_size > 0
+
+
+def _has_moved(old: Config, new: Config) -> bool:
+    """Whether the file of the task was moved to where it is now said to be."""
+    before, now = file_of(old.task), file_of(new.task)
+    if before is None or now is None:
+        return False
+    return not before[0].exists() and (before[0].name, before[1]) == (now[0].name, now[1])
 
 
 def _changed_keys(old: Config, new: Config) -> set[str]:

@@ -19,7 +19,9 @@ _IDENTITY: Mapping[str, type] = {"trained_episodes": int, "seed": int, "greedy":
 _MOST_BYTES = 10_000_000
 _PATIENCE_S = 60.0
 """Others write for moments only."""
-_RATES = ("success", "failure", "timeout", "spl")
+_RATES = ("success", "failure", "timeout")
+_OPTIONAL = "spl"
+"""A rate too; null where the task says no shortest way."""
 
 
 def record_evaluation(run: Path, evaluation: Mapping[str, Any]) -> None:
@@ -58,7 +60,7 @@ def read_evaluations(run: Path) -> list[dict[str, Any]]:
         ) from error
     if not isinstance(entries, list) or not all(map(_is_evaluation, entries)):
         raise CheckpointError(
-            f"{path}: expected a list of evaluations with {', '.join([*_IDENTITY, *_RATES])}; "
+            f"{path}: expected a list of evaluations with {', '.join([*_IDENTITY, *_RATES, _OPTIONAL])}; "
             "delete it and evaluate again"
         )
     return entries
@@ -72,5 +74,11 @@ def _is_evaluation(entry: Any) -> bool:
     return (
         isinstance(entry, dict)
         and all(type(entry.get(name)) is kind for name, kind in _IDENTITY.items())
-        and all(isinstance(entry.get(name), int | float) and 0 <= entry[name] <= 1 for name in _RATES)
+        and all(_is_share(entry.get(name)) for name in _RATES)
+        and _OPTIONAL in entry
+        and (entry[_OPTIONAL] is None or _is_share(entry[_OPTIONAL]))
     )
+
+
+def _is_share(value: Any) -> bool:
+    return isinstance(value, int | float) and 0 <= value <= 1
