@@ -27,8 +27,8 @@ def localisation_loss(
         labels: class that each episode reached, int64, shape [B].
         bearings_rad: where it lay, 0 straight ahead, shape [B, T].
         valid: 1 inside the episode, 0 after its end, shape [B, T].
-        steps: number of steps to divide by, shape []. Those of *all* episodes of the update let a step weigh as
-            much as one of the RL loss, however few episodes reached something.
+        steps: number of steps to divide by, shape []. Those of *all* episodes of the update let a step weigh
+            as much as one of the RL loss, however few episodes reached something.
         in_view_rad: bearings of less, to either side, are in view.
         out_of_view_rad: bearings of more are not.
 
