@@ -111,7 +111,9 @@ def test_dead_reckoning_points_at_the_object_that_was_reached() -> None:
             true = math.atan2(thing.y_m - pose.y_m, thing.x_m - pose.x_m) - pose.yaw_rad
             off.append(abs(math.remainder(bearing - true, math.tau)))
     assert len(off) > 50
-    assert math.degrees(float(np.median(off))) < 12
+    # 10 and 30 degrees where every stride is taken for a whole one.
+    assert math.degrees(float(np.median(off))) < 8
+    assert math.degrees(float(np.quantile(off, 0.9))) < 22
 
 
 def test_a_success_is_what_it_was_told_and_a_failure_the_nearest_prototype() -> None:
@@ -155,7 +157,7 @@ def test_the_head_is_learned_to_the_end() -> None:
     batch = episodes(([1, 1, 0, 0], Outcome.SUCCESS, 0), ([0, 2, 0], Outcome.SUCCESS, 1))
     goals = goals_for(batch, 16)
     losses = [learner.update([(batch, goals)])["localise"] for _ in range(40)]
-    assert losses[-1] < 0.1 < 0.6 < losses[0]
+    assert losses[-1] < 0.1 < 0.5 < losses[0]
 
 
 def test_weights_are_the_same_with_and_without_the_head() -> None:
