@@ -78,7 +78,7 @@ def test_only_what_reached_something_is_looked_back_on() -> None:
 def test_dead_reckoning_points_at_the_object_that_was_reached() -> None:
     """In rooms, on random walks that bump into things, against where the simulator has the object."""
     task = load_room("task2")
-    spec, env = task.spec(), task.make()
+    spec, env = task.spec(), task.new_env()
     room: RoomEnv = env.unwrapped
     assert spec.moves is not None
     reckoning, rng = Reckoning(spec.moves, spec, ahead_m=0.5), np.random.default_rng(0)
