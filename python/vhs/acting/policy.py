@@ -13,10 +13,11 @@ from torch import Tensor
 from vhs import EpisodeBuffer
 from vhs.acting.actor import Actor
 from vhs.acting.players import AgentPlayer
-from vhs.acting.setup import check_runnable, check_spec, convolution_dtype, task_of, to_act_here
+from vhs.acting.setup import check_runnable, check_spec, convolution_dtype, settled, task_of, to_act_here
 from vhs.config import Config
-from vhs.learning.goals import ClassGoals, make_goals
-from vhs.models import GoalAgent, make_agent
+from vhs.learning.goals import ClassGoals
+from vhs.learning.told import make_goals
+from vhs.models import ExtractorFactory, GoalAgent, make_agent
 from vhs.runs.checkpoint import fitting, load_checkpoint
 from vhs.runs.directory import AGENT_NAME, is_exported, read_config
 from vhs.task import Task, TaskSpec
@@ -65,12 +66,15 @@ class Policy:
         return AgentPlayer(self.actor(seed, greedy, buffer.num_streams), buffer, self.goals.begin)
 
 
-def make_policy(config: Config, task: Task | None = None) -> Policy:
+def make_policy(
+    config: Config, task: Task | None = None, extractor: ExtractorFactory | None = None
+) -> Policy:
     """A policy with the weights of its seed, before any training.
 
     Args:
         config: resolved.
         task: what it acts on; None: the task that the configuration names.
+        extractor: makes the feature extractor in place of `model.extractor`.
 
     Raises:
         ConfigError: its configuration cannot run here.
@@ -78,25 +82,29 @@ def make_policy(config: Config, task: Task | None = None) -> Policy:
     task = task or task_of(config)
     check_runnable(config, task)
     spec = task.spec()
+    config = settled(config, spec)
     check_spec(config, task, spec)
-    agent, dtype = make_agent(config, spec), convolution_dtype(config)
-    goals = make_goals(config, agent, spec.num_goals, dtype)
+    agent, dtype = make_agent(config, spec, extractor), convolution_dtype(config)
+    goals = make_goals(config, agent, spec, dtype)
     return Policy(config, agent, goals, dtype, task, spec)
 
 
-def load_agent(path: Path | str, task: Task | None = None) -> Policy:
+def load_agent(
+    path: Path | str, task: Task | None = None, extractor: ExtractorFactory | None = None
+) -> Policy:
     """Load the newest checkpoint of a run, or an exported agent, ready to act: batch norm in evaluation mode.
 
     Args:
         path: directory of the run or of the exported agent.
         task: what it was trained on; None: the task that its configuration names.
+        extractor: what made its feature extractor, where `train` was given one.
 
     Raises:
         CheckpointError: neither is there, it is damaged, or it does not fit its own configuration.
         ConfigError: its configuration cannot run here.
     """
     path = Path(path)
-    policy = make_policy(to_act_here(read_config(path)), task)
+    policy = make_policy(to_act_here(read_config(path)), task, extractor)
     policy.agent.eval()
     if is_exported(path):
         from vhs.runs.agent_file import read_agent

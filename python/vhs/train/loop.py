@@ -23,14 +23,16 @@ from vhs.acting.setup import (
     convolution_dtype,
     make_buffer,
     make_stepping,
+    settled,
     task_of,
 )
 from vhs.config import Config
 from vhs.interrupt import stop_on_signal
+from vhs.models import ExtractorFactory
 from vhs.runs.checkpoint import fitting, has_checkpoint, load_checkpoint, save_checkpoint
 from vhs.runs.directory import check_run, open_run
 from vhs.runs.window import Window
-from vhs.task import Task
+from vhs.task import Task, TaskSpec
 from vhs.train.build import make_learner
 from vhs.train.log import TrainingLog
 from vhs.train.memory import keep_freed_memory
@@ -50,7 +52,14 @@ class Progress:
     """Wall-clock of training over all resumptions."""
 
 
-def train(config: Config, run: Path, stream: TextIO | None = None, *, task: Task | None = None) -> bool:
+def train(
+    config: Config,
+    run: Path,
+    stream: TextIO | None = None,
+    *,
+    task: Task | None = None,
+    extractor: ExtractorFactory | None = None,
+) -> bool:
     """Train until `train.episodes` or a signal, resuming what the directory already holds.
 
     Args:
@@ -58,6 +67,8 @@ def train(config: Config, run: Path, stream: TextIO | None = None, *, task: Task
         run: directory of the run; made when missing.
         stream: where a person reads along; standard output by default.
         task: what to train on; None: the task that the configuration names.
+        extractor: makes the feature extractor in place of `model.extractor`; whoever loads the agent gives it
+            again.
 
     Returns:
         True when the run is finished, False when a signal stopped it.
@@ -67,11 +78,14 @@ def train(config: Config, run: Path, stream: TextIO | None = None, *, task: Task
         OutputError: a checkpoint or the log cannot be written; the checkpoints before it are untouched.
         DivergenceError: the loss became infinite or NaN; the last checkpoint is untouched.
     """
+    task = task or task_of(config)
     check_runnable(config, task)
+    spec = task.spec()
+    config = settled(config, spec)
     check_run(config, run)
     torch.set_num_threads(config.train.threads)
     keep_freed_memory()
-    session = Session(config, run, task)
+    session = Session(config, run, task, spec, extractor)
     with (
         closing(session),
         open_run(
@@ -107,15 +121,24 @@ def train(config: Config, run: Path, stream: TextIO | None = None, *, task: Task
 class Session:
     """One run's parts, from its first episode or from its last checkpoint."""
 
-    def __init__(self, config: Config, run: Path, task: Task | None = None) -> None:
-        """Take up the run in a directory where it stands; `task` as for `train`."""
+    def __init__(
+        self,
+        config: Config,
+        run: Path,
+        task: Task | None = None,
+        spec: TaskSpec | None = None,
+        extractor: ExtractorFactory | None = None,
+    ) -> None:
+        """Take up the run in a directory where it stands; `task` and `extractor` as for `train`."""
+        task = task or task_of(config)
+        spec = spec or task.spec()
+        config = settled(config, spec)
         self._config = config
         self._run = run
         self.progress = Progress()
-        task, streams = task or task_of(config), config.env.num_envs
-        spec = task.spec()
+        streams = config.env.num_envs
         check_spec(config, task, spec)
-        self._learner = make_learner(config, spec)
+        self._learner = make_learner(config, spec, extractor)
         self._generator = torch.Generator().manual_seed(config.seed)
         self._window = Window()
         with fitting(run):
