@@ -25,7 +25,10 @@ class Reach(gymnasium.Env[Any, Any]):
     far = 0.4
 
     def __init__(
-        self, goals: str = "picture", action_space: spaces.Space[Any] | None = None, render_mode: str | None = None
+        self,
+        goals: str = "picture",
+        action_space: spaces.Space[Any] | None = None,
+        render_mode: str | None = None,
     ) -> None:
         self.goals = goals
         self.action_space = action_space or spaces.Discrete(4)
