@@ -16,6 +16,7 @@ from typing import Any
 
 from vhs import __version__
 from vhs.config import Config, dump_config, load_config
+from vhs.config.schema import unread_keys
 from vhs.config.task import file_of
 from vhs.config.variants import differing_keys, flat_config
 from vhs.errors import CheckpointError, ConfigError
@@ -153,7 +154,8 @@ def is_exported(path: Path) -> bool:
 
 def fixed_settings(config: Config) -> dict[str, Any]:
     """What a run keeps for good, by dotted key: a checkpoint says it beside the weights that it made."""
-    return {key: value for key, value in flat_config(config).items() if key not in MAY_CHANGE}
+    unread = {key for key, _ in unread_keys(config.method.parts)}
+    return {key: value for key, value in flat_config(config).items() if key not in MAY_CHANGE | unread}
 
 
 def check_settings(run: Path, config: Config, made_with: Mapping[str, Any]) -> None:
