@@ -1,5 +1,6 @@
 """What is read off an environment, and what a task refuses: nothing is assumed of anyone's environment."""
 
+import math
 import subprocess
 import sys
 
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 from toy import Toy, toy_task
 
-from vhs import ArgumentError, Outcome, Rng, Task, TaskSpec, relabel
+from vhs import ArgumentError, Move, Outcome, Rng, Task, TaskSpec, Turn, relabel
 from vhs.buffer import make_buffer
 from vhs.envs.task import ROOMS, load_room
 from vhs.recorder import HindsightRecorder
@@ -59,6 +60,12 @@ def test_a_spec_is_read_without_drawing_or_resetting() -> None:
         ({"actions": ("left", "right")}, "`actions`: expected 5 names, one an action of toy, got 2"),
         ({"goals": ("red",)}, "`goals`: expected 3 names, one a goal class of toy, got 1"),
         ({"interactions": {0: 0, 5: 1}}, "`interactions`: expected actions below 5, got 5"),
+        ({"moves": {5: Turn(deg=1.0)}}, "`moves`: expected one of 5 numbered actions, got 5"),
+        (
+            {"moves": {0: Move(forward_m=float("nan"))}},
+            "`moves`: expected a Move or a Turn by a finite number",
+        ),
+        ({"moves": {0: (1.0, 0.0)}}, "`moves`: expected a Move or a Turn by a finite number for action 0"),
     ],
 )
 def test_what_does_not_fit_the_environment_is_refused(changes: dict[str, object], message: str) -> None:
@@ -83,6 +90,7 @@ def test_the_rooms_are_tasks(name: str) -> None:
     assert spec.num_goals == 5
     assert spec.max_episode_steps == 20
     assert set(task.keys.values()) == set(range(spec.num_actions))
+    assert spec.moves == {0: (0.5, 0.0), 1: (0.0, math.pi / 4), 2: (0.0, -math.pi / 4)}
     env = task.new_env()
     env.reset(seed=1)
     assert task.shortest is not None

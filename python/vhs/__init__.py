@@ -32,6 +32,7 @@ from vhs._core import (
     VhsError,
     WindowBatch,
     discounted_returns,
+    egomotion,
     relabel,
 )
 from vhs._core import __version__ as __version__
@@ -79,6 +80,7 @@ __all__ = [
     "VhsError",
     "WindowBatch",
     "discounted_returns",
+    "egomotion",
     "relabel",
     "train",
 ]

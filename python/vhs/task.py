@@ -7,6 +7,7 @@ these two and knows no environment by name. numpy alone at import: gymnasium com
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
@@ -90,12 +91,15 @@ class OutcomeReward:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Move:
-    """What an action does to the pose where nothing is in the way: a move in the agent's own frame."""
+    """What an action does to the pose where nothing is in the way: a move along the heading."""
 
-    forward_m: float = 0.0
-    """Along the heading, in metres or whatever unit all moves of a task share."""
-    left_m: float = 0.0
-    """Across it, in the same unit."""
+    forward_m: float
+    """In metres, or whatever unit all moves of a task share."""
+
+    @property
+    def pose_change(self) -> tuple[float, float]:
+        """Metres forward, then radians to the left."""
+        return self.forward_m, 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,6 +108,11 @@ class Turn:
 
     deg: float
     """Degrees, positive to the left."""
+
+    @property
+    def pose_change(self) -> tuple[float, float]:
+        """Metres forward, then radians to the left."""
+        return 0.0, math.radians(self.deg)
 
 
 Motion = Move | Turn
@@ -230,8 +239,9 @@ class TaskSpec:
     """Interactions that can be instructed; 0 where an instruction names none."""
     success_reward: float | None = None
     """What the environment pays for the last step of a success; None where nobody said."""
-    moves: Mapping[int, Motion] = field(default_factory=dict)
-    """Action -> what it does to the pose, where known; the other actions leave it as it is."""
+    moves: Mapping[int, tuple[float, float]] | None = None
+    """Action -> what it does to the pose: metres forward, then radians to the left; the other actions leave
+    it as it is. None where nobody said."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -329,15 +339,17 @@ class Task:
             interactions=self.interactions,
             success_reward=self.reward.of(Outcome.SUCCESS) if self.reward else self.success_reward,
         )
-        spec = replace(spec, moves=dict(self.moves or {}))
         self._check_names(env, spec)
+        self._check_moves(spec)
+        if self.moves is not None:
+            spec = replace(spec, moves={action: motion.pose_change for action, motion in self.moves.items()})
         if len(spec.frame_shape) == 2:
             # What embeds frames wants channels: a grey picture has one.
             return replace(spec, frame_shape=(*spec.frame_shape, 1))
         return spec
 
     def _check_names(self, env: gymnasium.Env[Any, Any], spec: TaskSpec) -> None:
-        named = {"interactions": self.interactions, "moves": spec.moves, "keys": self.keys.values()}
+        named = {"interactions": self.interactions, "keys": self.keys.values()}
         for name, actions in named.items():
             beyond = max(actions, default=0)
             if beyond >= spec.num_actions:
@@ -358,6 +370,16 @@ class Task:
             raise ArgumentError(
                 f"`goals`: expected {told} names, one a goal class of {self.name}, got {len(self.goals)}"
             )
+
+    def _check_moves(self, spec: TaskSpec) -> None:
+        for action, move in (self.moves or {}).items():
+            if spec.action_dim or not 0 <= action < spec.num_actions:
+                numbers = 0 if spec.action_dim else spec.num_actions
+                raise ArgumentError(f"`moves`: expected one of {numbers} numbered actions, got {action}")
+            if not isinstance(move, Move | Turn) or not np.isfinite(move.pose_change).all():
+                raise ArgumentError(
+                    f"`moves`: expected a Move or a Turn by a finite number for action {action}, got {move}"
+                )
 
     def goal_name(self, label: int) -> str:
         """A goal class for people."""

@@ -148,9 +148,11 @@ class Episodes:
         Workers are busy when this returns: what the caller does next overlaps with them.
 
         Returns:
-            The episodes that ended, in the order of their streams.
+            The episodes that ended, in the order of their streams; none where no answer came for a moment.
         """
         batch = self.stepping.recv()
+        if batch is None:
+            return []
         self.under_way -= len(batch.streams)
         self._open(batch)
         self._append(batch)

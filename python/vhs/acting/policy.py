@@ -19,8 +19,9 @@ from vhs.config.load import read_task
 from vhs.errors import ConfigError
 from vhs.learning.goals import ClassGoals, make_goals
 from vhs.models import GoalAgent, make_agent
+from vhs.runs.agent_file import check_limits, read_agent
 from vhs.runs.checkpoint import fitting, load_checkpoint
-from vhs.runs.directory import AGENT_NAME, CONFIG_NAME, is_exported, read_config
+from vhs.runs.directory import AGENT_NAME, CONFIG_NAME, check_settings, is_exported, read_config
 from vhs.task import Task, TaskSpec
 
 
@@ -114,22 +115,33 @@ def load_agent(path: Path | str, task: Task | None = None) -> Policy:
         ConfigError: its configuration cannot run here, or an exported agent's task is no room and not given.
     """
     path = Path(path)
-    if task is None and is_exported(path) and not is_room(config := read_config(path)):
+    config = to_act_here(read_config(path))
+    if task is None and is_exported(path) and not is_room(config):
         raise ConfigError(
             f"{path}: expected to be told the task of an exported agent, as no code is run that a stranger "
             f"names: --task FILE.py (it says {config.task_name}), or `task=`"
         )
-    policy = make_policy(to_act_here(read_config(path)), task)
-    policy.agent.eval()
     if is_exported(path):
-        from vhs.runs.agent_file import read_agent
-
-        about = read_agent(path / AGENT_NAME, policy.agent, policy.goals)
-        return replace(policy, trained_episodes=int(about["trained_episodes"]))
+        return _load_exported(path, config, task)
+    policy = make_policy(config, task)
+    policy.agent.eval()
     state, store = load_checkpoint(path)
     with fitting(path):
+        check_settings(path, config, state["settings"])
         policy.agent.load_state_dict(state["learner"]["agent"])
         policy.goals.load_state_dict(state["learner"]["prototypes"])
         episodes = int(state["progress"]["episodes"])
     policy.goals.store = store
     return replace(policy, trained_episodes=episodes)
+
+
+def _load_exported(path: Path, config: Config, task: Task | None) -> Policy:
+    """An exported agent, maybe a stranger's: checked before anything of the size that it names is made."""
+    check_limits(config)
+    file = read_agent(path / AGENT_NAME)
+    task = task or task_of(config)
+    file.check(config, task.spec())
+    policy = make_policy(config, task)
+    policy.agent.eval()
+    file.load(policy.agent, policy.goals)
+    return replace(policy, trained_episodes=file.trained_episodes)

@@ -94,6 +94,7 @@ def make_stepping(config: Config, task: Task, spec: TaskSpec, count: int) -> Ste
         seed=config.seed,  # of the episodes that begin where a worker died
         autoreset="Disabled",
         on_error="raise",
+        deadline_s=config.env.deadline_s,
     )
     return PooledStepping(pool, config.env.min_ready)
 
@@ -186,6 +187,11 @@ def check_spec(config: Config, task: Task, spec: TaskSpec) -> None:
         raise ConfigError(
             f"task {task.name}: expected frames uint8 [height, width, channels], "
             f"found {spec.frame_dtype} {list(spec.frame_shape)}"
+        )
+    if config.method.localisation_weight and spec.moves is None:
+        raise ConfigError(
+            f"method.localisation_weight: expected 0 or null, as task {task.name} has no `moves` that say "
+            f"what its actions do to the pose, found {config.method.localisation_weight}"
         )
     if config.method.value_target == "hindsight_return" and spec.success_reward is None:
         raise ConfigError(

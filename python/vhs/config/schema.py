@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -22,6 +22,7 @@ Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 PositiveInt = Annotated[int, Field(ge=1)]
 NonNegativeFloat = Annotated[float, Field(ge=0.0)]
 PositiveFloat = Annotated[float, Field(gt=0.0)]
+Degrees = Annotated[float, Field(ge=0.0, le=180.0)]
 OutcomeName = Literal["success", "failure", "timeout"]
 
 
@@ -47,6 +48,7 @@ _PROTOTYPE = Of(("prototype",))
 _IMITATION = Of(("imitation_policy", "imitation_value"))
 _IMITATION_VALUE = Of(("imitation_value",))
 _DISCRIMINATOR = Of(("discriminator",))
+_LOCALISE = Of(("localise",))
 
 
 def _known_method(name: str) -> str:
@@ -71,6 +73,9 @@ class EnvSection(_Section):
     min_ready: PositiveInt | None = None
     """Environments that must have answered before the next inference; null waits for all (lock-step), and
     then the result does not depend on the number of workers. Without workers all have always answered."""
+    deadline_s: PositiveFloat = 60.0
+    """Seconds that an environment may take for a step or a reset; after them its worker is replaced, and its
+    episodes are played again from their seeds and actions."""
     renderer: str = "raster"
     """What draws the camera image of a room, as `vhs.envs` names it."""
     room: dict[str, Any] = Field(default_factory=dict)
@@ -139,6 +144,17 @@ class MethodSection(_Section):
     succeeded."""
     discriminator_weight: Annotated[NonNegativeFloat, _DISCRIMINATOR] = 0.5
     """Weight of GDAN's goal-discriminator loss (Kim et al. 2021, their code: 0.5)."""
+    localisation_weight: Annotated[NonNegativeFloat | None, _LOCALISE] = 0.0
+    """Weight of hindsight localisation: whether what an episode reached was in view at each of its steps, by
+    dead reckoning from its end (the paper has none); null is 3 where the task says what actions do to the
+    pose, and 0 elsewhere."""
+    localisation_ahead_m: Annotated[NonNegativeFloat, _LOCALISE] = 0.5
+    """Metres in front of an episode's last pose at which what it reached is taken to lie."""
+    localisation_in_view_deg: Annotated[Degrees, _LOCALISE] = 28.0
+    """What lies less far to either side is in view; half the camera's angle of view, and less by what dead
+    reckoning is off."""
+    localisation_out_of_view_deg: Annotated[Degrees, _LOCALISE] = 48.0
+    """What lies further to either side is not in view; what lies between the two says nothing."""
 
     @property
     def row(self) -> Method:
@@ -149,6 +165,12 @@ class MethodSection(_Section):
     def parts(self) -> frozenset[str]:
         """What reads its keys."""
         return self.row.parts(self.embedding)
+
+    def for_task(self, *, has_moves: bool) -> Self:
+        """The same with the weight of localisation that null stands for; 0 where a task has no `moves`."""
+        asked = 3.0 if self.localisation_weight is None else self.localisation_weight
+        weight = asked if has_moves and "localise" in self.row.terms else 0.0
+        return self.model_copy(update={"localisation_weight": weight})
 
     @model_validator(mode="before")
     @classmethod

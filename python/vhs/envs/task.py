@@ -15,7 +15,6 @@ import gymnasium
 
 from vhs.envs.config import (
     FIRST_INTERACTION,
-    HEADINGS,
     INTERACTIVE_OBJECT_NAV,
     MOVE_FORWARD,
     MULTI_INTERACTION_OBJECT_NAV,
@@ -92,8 +91,8 @@ def _room_task(name: str, kind: RoomTask, config: RoomConfig, renderer: str) -> 
         shortest=shortest_way,
         moves={
             MOVE_FORWARD: Move(forward_m=config.stride_m),
-            TURN_LEFT: Turn(deg=360 / HEADINGS),
-            TURN_RIGHT: Turn(deg=-360 / HEADINGS),
+            TURN_LEFT: Turn(deg=config.turn_deg),
+            TURN_RIGHT: Turn(deg=-config.turn_deg),
         },
     )
 

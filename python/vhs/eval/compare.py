@@ -277,7 +277,12 @@ def _notes(groups: Sequence[Group]) -> Iterator[str]:
         if trained < logged:
             yield f"`{run.path}` has gone on to {logged:,} episodes since its evaluation."
     makings = {
-        (start.get("machine"), start.get("precision"), run.config.env.num_workers, run.config.train.threads)
+        (
+            str(start.get("machine")),
+            str(start.get("precision")),
+            run.config.env.num_workers,
+            run.config.train.threads,
+        )
         for run in runs
         for start in run.starts
         if "machine" in start

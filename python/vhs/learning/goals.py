@@ -83,6 +83,17 @@ class Goals(Protocol):
         """The goals of relabelled episodes from their f(o_T), constants, both of shape [R, feature_dim]."""
         ...
 
+    def recognise(self, reached: Tensor) -> Tensor | None:
+        """The class of what each f(o_T) shows, as far as the agent can tell.
+
+        Args:
+            reached: float32 [R, feature_dim].
+
+        Returns:
+            int64 [R]; None before the classes can be told apart.
+        """
+        ...
+
     def collect(self, buffer: EpisodeBuffer, ids: ArrayLike) -> None:
         """Keep what the successes among some finished episodes reached."""
         ...
@@ -140,6 +151,13 @@ class ClassGoals(Goals):
     def is_warm(self) -> bool:
         """Whether the store holds `method.warmup` images."""
         return len(self.store) >= self._method.warmup
+
+    def recognise(self, reached: Tensor) -> Tensor | None:
+        """The prototype nearest in angle; None without one of every class, and before `is_warm`."""
+        if not (self.prototypes.seen.all() and self.is_warm):
+            return None
+        table = to_device(self.prototypes.table, self._device)
+        return (reached @ normalize(table, dim=1).T).argmax(dim=1)
 
     def collect(self, buffer: EpisodeBuffer, ids: ArrayLike) -> None:
         """Store the last observation of each success under its instructed class."""
@@ -208,12 +226,8 @@ class PrototypeGoals(ClassGoals):
 
         Without a prototype of every class, and before goals can be told apart, it is f(o_T).
         """
-        can_name = self.prototypes.seen.all() and self.is_warm
-        if self._method.hindsight_goal == "feature" or not can_name:
-            return reached
-        table = to_device(self.prototypes.table, self._device)
-        nearest = (reached @ normalize(table, dim=1).T).argmax(dim=1)
-        return table[nearest]
+        nearest = None if self._method.hindsight_goal == "feature" else self.recognise(reached)
+        return reached if nearest is None else to_device(self.prototypes.table, self._device)[nearest]
 
     def _draw_noise(self, told: int) -> None:
         """A fresh N(0, 1) vector for a class without a prototype."""

@@ -35,8 +35,20 @@ class GoalAgent(nn.Module):
         head_dim: int,
         interaction_dim: int,
         num_words: int = 0,
+        num_sights: int = 0,
     ) -> None:
-        """Build the layers behind `extractor`, and learned names for `num_words` goal classes."""
+        """Build the layers behind `extractor`.
+
+        Args:
+            extractor: f.
+            num_actions: Logits of the policy.
+            num_interactions: Interactions that can be instructed.
+            hidden_dim: Of the LSTM.
+            head_dim: Hidden layer of each head.
+            interaction_dim: Of an interaction's embedding.
+            num_words: Goal classes with a learned name.
+            num_sights: Goal classes that `see` tells from a view; 0: no such head.
+        """
         super().__init__()
         feature_dim = extractor.project.out_features
         self.hidden_dim = hidden_dim
@@ -48,6 +60,8 @@ class GoalAgent(nn.Module):
         self.value = _head(hidden_dim + interaction_dim, head_dim, 1)
         # N(0, 1), the scale of features and of the vectors of empty classes.
         self.words = nn.Embedding(num_words, feature_dim) if num_words else None
+        # Last: the weights before it are the same with and without it.
+        self.sight = _head(feature_dim, head_dim, num_sights) if num_sights else None
 
     def initial_state(self, batch: int) -> RecurrentState:
         """The state at the start of an episode: zeros, shape [batch, hidden_dim]."""
@@ -78,6 +92,12 @@ class GoalAgent(nn.Module):
         log_probs = self.policy(joined).log_softmax(-1)
         values = self.value(joined).squeeze(-1)
         return log_probs, values, last
+
+    def see(self, features: Tensor) -> Tensor:
+        """Unnormalised log-odds that each goal class is in view, shape [..., num_sights], from f(o)."""
+        assert self.sight is not None, "an agent that was built to see"
+        logits: Tensor = self.sight(features)
+        return logits
 
     def _attend(self, features: Tensor, gated: Tensor, hidden: Tensor) -> Tensor:
         """What the heads read of a step, shape [B, T, hidden_dim]: here the LSTM's hidden state."""

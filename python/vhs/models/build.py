@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def make_agent(config: Config, spec: TaskSpec) -> GoalAgent:
     """The networks of a configuration's method, on its device, initialised from the run's seed alone."""
-    model, method = config.model, config.method
+    model, method = config.model, config.method.for_task(has_moves=spec.moves is not None)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
         extractor = FeatureExtractor(spec.frame_shape, model.frame_stack, model.channels, model.feature_dim)
@@ -30,6 +30,7 @@ def make_agent(config: Config, spec: TaskSpec) -> GoalAgent:
             "head_dim": model.head_dim,
             "interaction_dim": model.interaction_dim,
             "num_words": spec.num_goals if method.embedding == "word" else 0,
+            "num_sights": spec.num_goals if method.localisation_weight else 0,
         }
         if method.row.network == "discriminative":
             agent: GoalAgent = DiscriminativeAgent(extractor, num_goals=spec.num_goals, **numbers)

@@ -19,6 +19,8 @@ from vhs.show.pictures import draw
 from vhs.task import Task
 
 if TYPE_CHECKING:
+    from PIL.Image import Image
+
     from vhs.play.window import Window
 
 FPS = 3
@@ -70,13 +72,16 @@ def _moments(agent: Policy, seeds: Iterator[int], seed: int, greedy: bool) -> It
 
 
 def _film(out: Path, moments: Iterator[Moment]) -> str:
-    pictures, outcomes = [], []
-    for moment in moments:
-        pictures.append(draw(moment))
-        outcomes.append(moment.outcome)
-    write_film(out, pictures, [outcome is not None for outcome in outcomes], FPS)
-    ended = ", ".join(outcome.name.lower() for outcome in outcomes if outcome is not None)
-    return f"{out}: {len(pictures)} frames; {ended}"
+    ended: list[str] = []
+
+    def pictures() -> Iterator[tuple[Image, bool]]:
+        for moment in moments:
+            if moment.outcome is not None:
+                ended.append(moment.outcome.name.lower())
+            yield draw(moment), moment.outcome is not None
+
+    count = write_film(out, pictures(), FPS)
+    return f"{out}: {count} frames; {', '.join(ended)}"
 
 
 def _show(run: Path, moments: Iterator[Moment]) -> str:

@@ -8,12 +8,17 @@ from pathlib import Path
 from typing import Any
 
 from vhs.errors import CheckpointError
+from vhs.reading import read_bounded
 from vhs.runs.files import write_files
+from vhs.runs.lock import hold
 
 EVALUATIONS_NAME = "eval.json"
 
 _IDENTITY: Mapping[str, type] = {"trained_episodes": int, "seed": int, "greedy": bool, "episodes": int}
 """What tells two evaluations of a run apart; the same again replaces the old entry."""
+_MOST_BYTES = 10_000_000
+_PATIENCE_S = 60.0
+"""Others write for moments only."""
 _RATES = ("success", "failure", "timeout")
 _OPTIONAL = "spl"
 """A rate too; null where the task says no shortest way."""
@@ -30,9 +35,10 @@ def record_evaluation(run: Path, evaluation: Mapping[str, Any]) -> None:
         CheckpointError: the present `eval.json` is damaged; it stays as it is.
         OutputError: the directory cannot be written.
     """
-    others = [entry for entry in read_evaluations(run) if _identity(entry) != _identity(evaluation)]
-    entries = sorted([*others, dict(evaluation)], key=_identity)
-    write_files(run, {EVALUATIONS_NAME: json.dumps(entries, indent=2) + "\n"})
+    with hold(run, f"{run}: another process records an evaluation", patience_s=_PATIENCE_S):
+        others = [entry for entry in read_evaluations(run) if _identity(entry) != _identity(evaluation)]
+        entries = sorted([*others, dict(evaluation)], key=_identity)
+        write_files(run, {EVALUATIONS_NAME: json.dumps(entries, indent=2) + "\n"})
 
 
 def read_evaluations(run: Path) -> list[dict[str, Any]]:
@@ -43,12 +49,12 @@ def read_evaluations(run: Path) -> list[dict[str, Any]]:
     """
     path = run / EVALUATIONS_NAME
     try:
-        entries = json.loads(path.read_bytes())
+        entries = json.loads(read_bounded(path, _MOST_BYTES))
     except FileNotFoundError:
         return []
     except OSError as error:
         raise CheckpointError(f"{path}: cannot read the evaluations: {error.strerror}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise CheckpointError(
             f"{path}: expected JSON, found {error}; delete it and evaluate again"
         ) from error

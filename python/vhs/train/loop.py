@@ -30,7 +30,7 @@ from vhs.acting.setup import (
 from vhs.config import Config
 from vhs.interrupt import stop_on_signal
 from vhs.runs.checkpoint import fitting, has_checkpoint, load_checkpoint, save_checkpoint
-from vhs.runs.directory import check_run, open_run
+from vhs.runs.directory import check_run, fixed_settings, open_run
 from vhs.runs.window import Window
 from vhs.task import Task, TaskSpec
 from vhs.train.build import make_learner
@@ -256,6 +256,7 @@ class Session:
             "learner": self._learner.state_dict(),
             "actions": self._generator.get_state(),
             "window": self._window.state_dict(),
+            "settings": fixed_settings(self._config),
             "episodes": episodes_state(self._episodes, self._actor, self._waiting),
         }
         save_checkpoint(
