@@ -54,7 +54,7 @@ class Endless(Toy):
         ({"reached": lambda info: 7}, r"`reached`: expected a number in -1\.\.2, got 7"),
         ({"metrics": ("distance",)}, "`metrics`: expected distance in the last info, got outcome"),
         ({"keys": {"x": 9}}, "`keys`: expected actions below 5, got 9"),
-        ({"moves": {5: None}}, "`moves`: expected actions below 5, got 5"),
+        ({"moves": {5: None}}, "`moves`: expected one of 5 numbered actions, got 5"),
     ],
 )
 def test_a_field_that_does_not_fit_is_named_before_anything_is_trained(
