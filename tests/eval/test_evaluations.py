@@ -86,7 +86,7 @@ def test_a_directory_that_cannot_be_written_is_a_clear_error(tmp_path: Path) -> 
 def test_the_command_records_what_it_prints(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("vhs.eval.evaluate", lambda run, **asked: Evaluation(**evaluation(**asked)))
+    monkeypatch.setattr("vhs.eval.evaluate", lambda run, task, **asked: Evaluation(**evaluation(**asked)))
     assert main(["eval", str(tmp_path), "--episodes", "7", "--seed", "3", "--greedy", "--json"]) == 0
     assert read_evaluations(tmp_path) == [evaluation(episodes=7, seed=3, greedy=True)]
     assert json.loads(capsys.readouterr().out) == evaluation(episodes=7, seed=3, greedy=True)
@@ -98,7 +98,7 @@ def test_the_command_still_prints_where_it_cannot_write(
     def refuse(path: Path, *_: Any, **__: Any) -> None:
         raise PermissionError(13, "Permission denied", str(path))
 
-    monkeypatch.setattr("vhs.eval.evaluate", lambda run, **asked: Evaluation(**evaluation(**asked)))
+    monkeypatch.setattr("vhs.eval.evaluate", lambda run, task, **asked: Evaluation(**evaluation(**asked)))
     monkeypatch.setattr(Path, "write_bytes", refuse)
     assert main(["eval", str(tmp_path)]) == 0
     told = capsys.readouterr()

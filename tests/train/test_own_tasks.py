@@ -169,7 +169,7 @@ env: {kwargs: {moves: 3}}
     assert main(["train", *arguments, "--out", str(run)]) == 0
     agent = load_agent(run)
     assert agent.task.name == "Toy-v0"
-    assert (agent.spec.moves[0], agent.spec.moves[1]) == (vhs.Move(forward_m=0.5), vhs.Turn(deg=45))
+    assert agent.task.moves == {0: vhs.Move(forward_m=0.5), 1: vhs.Turn(deg=45)}
     assert agent.spec.success_reward == 0.99
     assert evaluate(run, episodes=3).spl is None
     again = main(["train", *arguments, "--set", "train.episodes=32", "--out", str(run)])

@@ -153,9 +153,13 @@ def is_exported(path: Path) -> bool:
 
 
 def fixed_settings(config: Config) -> dict[str, Any]:
-    """What a run keeps for good, by dotted key: a checkpoint says it beside the weights that it made."""
+    """What a run keeps for good, by dotted key: a checkpoint says it beside the weights that it made.
+
+    Of a task in a file it is the name, for a file may move.
+    """
     unread = {key for key, _ in unread_keys(config.method.parts)}
-    return {key: value for key, value in flat_config(config).items() if key not in MAY_CHANGE | unread}
+    settings = {key: value for key, value in flat_config(config).items() if key not in MAY_CHANGE | unread}
+    return settings | ({"task": config.task_name} if "task" in settings else {})
 
 
 def check_settings(run: Path, config: Config, made_with: Mapping[str, Any]) -> None:
