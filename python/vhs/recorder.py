@@ -19,6 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vhs._core import EpisodeBuffer, ProtocolError
+from vhs.actions import stored_action
+from vhs.buffer import as_goal
 from vhs.buffer import make_buffer as buffer_of
 from vhs.task import (
     GoalDict,
@@ -79,7 +81,6 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         """Id of the newest episode that this environment finished."""
         self._reader = reader or reader_of(env.observation_space)
         self._judge = judge or default_outcome
-        self._first_action = int(getattr(env.action_space, "start", 0))
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, Any]:
         """Reset the environment and open an episode.
@@ -111,7 +112,7 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         seen = self._reader(observation)
         self.buffer.append(
             self.stream,
-            self._action(action),
+            stored_action(action, self.env.action_space),
             float(reward),
             self.value,
             self._frame(seen),
@@ -136,23 +137,13 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         except ProtocolError:  # not a step of it was taken
             self.buffer.abort(self.stream)
 
-    def _action(self, action: Any) -> Any:
-        if self.buffer.action_dim:
-            return np.asarray(action, np.float32).ravel()
-        return int(action) - self._first_action
-
     def _frame(self, seen: Seen) -> NDArray[Any]:
         return _converted(seen.frame, self.buffer.dtype)
 
     def _goal(self, goal: NDArray[Any] | None) -> NDArray[Any] | None:
         if goal is None:
             return None
-        goal = _converted(goal, self.buffer.goal_dtype)
-        if self.buffer.goals == "observations" and goal.shape == self.buffer.frame_shape:
-            if self.buffer.stacking == "channels":
-                return np.concatenate([goal] * self.buffer.frame_stack, axis=-1)
-            return np.broadcast_to(goal, self.buffer.goal_shape)
-        return goal
+        return as_goal(self.buffer, _converted(goal, self.buffer.goal_dtype))
 
 
 def make_buffer(

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from vhs._core import ArgumentError
+from vhs.actions import action_sizes, doer
 from vhs.asking import asking
 
 if TYPE_CHECKING:
@@ -226,6 +227,8 @@ class TaskSpec:
     frame_dtype: DTypeLike = np.uint8
     action_dim: int = 0
     """Numbers in a continuous action, each in -1..1, its bounds; 0 where actions are numbered."""
+    action_parts: tuple[int, ...] = ()
+    """Options of each of several choices that one number stands for (`vhs.actions`); else empty."""
     goals: Literal["labels", "observations", "vectors"] = "labels"
     """What a goal is: a class, an observation or a vector."""
     num_goals: int = 1
@@ -273,6 +276,9 @@ class Task:
     """What the environment pays for the last step of a success, where the method asks for it."""
     goals: tuple[str, ...] | None = None
     """Names of the goal classes; None: numbers."""
+    limit_ends: bool = False
+    """Whether the limit of steps is a part of the task, whose last step is worth what it pays; False: it cuts
+    off what would have gone on, and the critic says what would have come (`truncated` of gymnasium)."""
     moves: Mapping[int, Motion] | None = None
     """What each action does to the pose, where known: hindsight localisation needs it, nothing else does."""
     replayable: bool = True
@@ -340,6 +346,7 @@ class Task:
             success_reward=self.reward.of(Outcome.SUCCESS) if self.reward else self.success_reward,
         )
         self._check_names(env, spec)
+        doer(env.action_space)  # refuses what no policy can express
         self._check_moves(spec)
         if self.moves is not None:
             spec = replace(spec, moves={action: motion.pose_change for action, motion in self.moves.items()})
@@ -385,8 +392,10 @@ class Task:
         """A goal class for people."""
         return f"goal {label}" if self.goals is None else self.goals[label].replace("_", " ")
 
-    def action_name(self, action: int) -> str:
+    def action_name(self, action: int | list[float]) -> str:
         """An action for people."""
+        if isinstance(action, list):
+            return ", ".join(f"{number:.2f}" for number in action)
         return self.actions[action] if self.actions else f"action {action}"
 
 
@@ -420,15 +429,15 @@ def read_spec(
         success_reward: For the spec.
 
     Raises:
-        ArgumentError: For an environment without a limit of steps where none is given, or with actions that
-            are neither numbered nor real; for an observation that says nothing of goals.
+        ArgumentError: For an environment without a limit of steps where none is given, or with actions of a
+            kind that `vhs.actions` does not know; for an observation that says nothing of goals.
     """
     seen = (reader or reader_of(env.observation_space))(observation)
     limit = max_episode_steps or (env.spec.max_episode_steps if env.spec else None)
     if limit is None:
         raise ArgumentError("`max_episode_steps`: expected a number, got None from the environment")
     frame = np.atleast_1d(seen.frame)
-    numbered, action_dim = _actions(env.action_space)
+    actions = action_sizes(env.action_space)
     interactions = dict(interactions or {})
     if num_goals is None:
         num_goals = _classes(env.observation_space, "goal") or 1
@@ -440,14 +449,13 @@ def read_spec(
         goals = {"goals": "observations"}
     return TaskSpec(
         frame_shape=frame.shape,
-        num_actions=numbered,
         max_episode_steps=limit,
         frame_dtype=_stored(frame.dtype),
-        action_dim=action_dim,
         num_goals=num_goals,
         interactions=interactions,
         num_interactions=max([num_interactions, *(done + 1 for done in interactions.values())]),
         success_reward=success_reward,
+        **actions._asdict(),
         **goals,
     )
 
@@ -464,18 +472,6 @@ def _classes(space: spaces.Space[Any], entry: str) -> int | None:
 
     found = _entries(space).get(entry)
     return int(found.start + found.n) if isinstance(found, spaces.Discrete) else None
-
-
-def _actions(space: spaces.Space[Any]) -> tuple[int, int]:
-    """Numbered actions and numbers in a continuous action; the latter 0 where actions are numbered."""
-    from gymnasium import spaces
-
-    if isinstance(space, spaces.Discrete):
-        return int(space.n), 0
-    if isinstance(space, spaces.Box):
-        # A buffer of continuous actions still has one numbered action, which nobody takes.
-        return 1, int(np.prod(space.shape))
-    raise ArgumentError(f"`env`: expected Discrete or Box actions, got {space}")
 
 
 def _stored(dtype: np.dtype[Any]) -> np.dtype[Any]:

@@ -86,7 +86,7 @@ def test_the_paper_overlay_switches_departures_of_the_method_off() -> None:
             "task=task4",
             r"task: expected 'task1', 'task2', 'task3', a file such as mine.py, or package.* found 'task4'",
         ),
-        ("model.channels=[1,2,3]", r"model.channels: .*at least 4"),
+        ("model.channels=[]", r"model.channels: .*at least 1"),
         ("method.warmup=100000", r"method.warmup: expected at most method.goal_capacity = 500, found 100000"),
         ("method.name=dqn", r"method.name: expected 'a3c', 'gdan', 'gcsl', 'pg' or 'vhs', found 'dqn'"),
         (

@@ -18,6 +18,10 @@ from torch import Tensor
 from vhs import EpisodeBuffer, Outcome
 from vhs.acting.players import Player
 from vhs.acting.stepping import StepBatch, Stepping
+from vhs.buffer import as_goal
+
+Action = int | list[float]
+"""A number, or the numbers of a continuous action."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,13 +54,13 @@ class Running:
     goal: int
     interaction: int
     goal_embedding: Tensor | None
-    actions: list[int] = field(default_factory=list)
+    actions: list[Action] = field(default_factory=list)
     """Taken and answered; the one under way is not among them."""
     values: list[float] = field(default_factory=list)
     """The critic's, of each of the actions."""
     episode_return: float = 0.0
 
-    def add(self, action: int, value: float, reward: float) -> None:
+    def add(self, action: Action, value: float, reward: float) -> None:
         """Take the answer to an action."""
         self.actions.append(action)
         self.values.append(value)
@@ -106,7 +110,8 @@ class Episodes:
         # Seeds of the episodes whose first frame is under way.
         self._beginning: dict[int, int] = {}
         # The action under way in each environment, and the critic's value when it was chosen.
-        self._actions = np.zeros(buffer.num_streams, dtype=np.int64)
+        count, dim = buffer.num_streams, buffer.action_dim
+        self._actions: NDArray[Any] = np.zeros((count, dim), np.float32) if dim else np.zeros(count, np.int64)
         self._values = np.zeros(buffer.num_streams, dtype=np.float32)
         self.under_way = 0
         """Commands that are not answered yet."""
@@ -127,9 +132,9 @@ class Episodes:
         """The episodes under way, by stream; those whose first frame is under way are not among them."""
         return self._running
 
-    def chosen(self, stream: int) -> tuple[int, float]:
+    def chosen(self, stream: int) -> tuple[Action, float]:
         """The action under way in a stream, and the critic's value when it was chosen."""
-        return int(self._actions[stream]), float(self._values[stream])
+        return self._actions[stream].tolist(), float(self._values[stream])
 
     def start(self) -> None:
         """Begin an episode in every environment, as far as the seeds go."""
@@ -213,8 +218,18 @@ class Episodes:
                 self.cut += 1
             self._beginning.pop(stream, None)
             goal, interaction = int(batch.goals[row]), int(batch.interactions[row])
-            embedding = self._player.begin(stream, goal, interaction)
-            self.buffer.begin(stream, batch.frames[row], goal, interaction)
+            desired, achieved = _row(batch.desired_goals, row), _row(batch.achieved_goals, row)
+            if desired is not None:
+                desired = as_goal(self.buffer, desired)
+            embedding = self._player.begin(stream, goal if desired is None else desired, interaction)
+            self.buffer.begin(
+                stream,
+                batch.frames[row],
+                goal,
+                interaction,
+                desired_goal=desired,
+                achieved_goal=achieved,
+            )
             self._running[stream] = Running(batch.seeds[row], goal, interaction, embedding)
 
     def _append(self, batch: StepBatch) -> None:
@@ -224,7 +239,10 @@ class Episodes:
         self.steps += len(rows)
         streams = batch.streams[rows]
         actions, values, rewards = self._actions[streams], self._values[streams], batch.rewards[rows]
-        self.buffer.append_batch(streams, actions, rewards, values, batch.frames[rows])
+        achieved = _row(batch.achieved_goals, rows)
+        self.buffer.append_batch(
+            streams, actions, rewards, values, batch.frames[rows], achieved_goals=achieved
+        )
         steps = zip(streams.tolist(), actions.tolist(), values.tolist(), rewards.tolist(), strict=True)
         for stream, action, value, reward in steps:
             self._running[stream].add(action, value, reward)
@@ -234,3 +252,7 @@ class Episodes:
         outcome = Outcome(info["outcome"])
         id = self.buffer.finish(stream, outcome, terminated=bool(batch.terminated[row]))
         return self._running.pop(stream).ended(id, stream, info)
+
+
+def _row(goals: NDArray[Any] | None, rows: Any) -> NDArray[Any] | None:
+    return None if goals is None else goals[rows]

@@ -13,12 +13,21 @@ from torch import Tensor
 from vhs import EpisodeBuffer
 from vhs.acting.actor import Actor
 from vhs.acting.players import AgentPlayer
-from vhs.acting.setup import check_runnable, check_spec, convolution_dtype, is_room, task_of, to_act_here
+from vhs.acting.setup import (
+    check_runnable,
+    check_spec,
+    convolution_dtype,
+    is_room,
+    settled,
+    task_of,
+    to_act_here,
+)
 from vhs.config import Config, EnvSection, resolve_config
 from vhs.config.load import read_task
 from vhs.errors import ConfigError
-from vhs.learning.goals import ClassGoals, make_goals
-from vhs.models import GoalAgent, make_agent
+from vhs.learning.goals import ClassGoals
+from vhs.learning.told import make_goals
+from vhs.models import ExtractorFactory, GoalAgent, make_agent
 from vhs.runs.agent_file import check_limits, read_agent
 from vhs.runs.checkpoint import fitting, load_checkpoint
 from vhs.runs.directory import AGENT_NAME, CONFIG_NAME, check_settings, is_exported, read_config
@@ -68,12 +77,15 @@ class Policy:
         return AgentPlayer(self.actor(seed, greedy, buffer.num_streams), buffer, self.goals.begin)
 
 
-def make_policy(config: Config, task: Task | None = None) -> Policy:
+def make_policy(
+    config: Config, task: Task | None = None, extractor: ExtractorFactory | None = None
+) -> Policy:
     """A policy with the weights of its seed, before any training.
 
     Args:
         config: resolved.
         task: what it acts on; None: the task that the configuration names.
+        extractor: makes the feature extractor in place of `model.extractor`.
 
     Raises:
         ConfigError: its configuration cannot run here.
@@ -81,9 +93,10 @@ def make_policy(config: Config, task: Task | None = None) -> Policy:
     task = task or task_of(config)
     check_runnable(config, task)
     spec = task.spec()
+    config = settled(config, spec)
     check_spec(config, task, spec)
-    agent, dtype = make_agent(config, spec), convolution_dtype(config)
-    goals = make_goals(config, agent, spec.num_goals, dtype)
+    agent, dtype = make_agent(config, spec, extractor), convolution_dtype(config)
+    goals = make_goals(config, agent, spec, dtype)
     return Policy(config, agent, goals, dtype, task, spec)
 
 
@@ -103,12 +116,15 @@ def told_task(run: Path, named: str) -> Task:
     return task_of(resolve_config([{"env": env.model_dump()}, read_task(named)]))
 
 
-def load_agent(path: Path | str, task: Task | None = None) -> Policy:
+def load_agent(
+    path: Path | str, task: Task | None = None, extractor: ExtractorFactory | None = None
+) -> Policy:
     """Load the newest checkpoint of a run, or an exported agent, ready to act: batch norm in evaluation mode.
 
     Args:
         path: directory of the run or of the exported agent.
         task: what it was trained on; None: the task that its configuration names.
+        extractor: what made its feature extractor, where `train` was given one.
 
     Raises:
         CheckpointError: neither is there, it is damaged, or it does not fit its own configuration.
@@ -122,8 +138,8 @@ def load_agent(path: Path | str, task: Task | None = None) -> Policy:
             f"names: --task FILE.py (it says {config.task_name}), or `task=`"
         )
     if is_exported(path):
-        return _load_exported(path, config, task)
-    policy = make_policy(config, task)
+        return _load_exported(path, config, task, extractor)
+    policy = make_policy(config, task, extractor)
     policy.agent.eval()
     state, store = load_checkpoint(path)
     with fitting(path):
@@ -135,13 +151,15 @@ def load_agent(path: Path | str, task: Task | None = None) -> Policy:
     return replace(policy, trained_episodes=episodes)
 
 
-def _load_exported(path: Path, config: Config, task: Task | None) -> Policy:
+def _load_exported(
+    path: Path, config: Config, task: Task | None, extractor: ExtractorFactory | None
+) -> Policy:
     """An exported agent, maybe a stranger's: checked before anything of the size that it names is made."""
     check_limits(config)
     file = read_agent(path / AGENT_NAME)
     task = task or task_of(config)
     file.check(config, task.spec())
-    policy = make_policy(config, task)
+    policy = make_policy(config, task, extractor)
     policy.agent.eval()
     file.load(policy.agent, policy.goals)
     return replace(policy, trained_episodes=file.trained_episodes)

@@ -35,7 +35,9 @@ from vhs.acting.actor import Actor
 from vhs.acting.episodes import EndedEpisode, Episodes, Running
 from vhs.acting.players import Choice
 from vhs.acting.stepping import Stepping
+from vhs.actions import action_array
 from vhs.errors import CheckpointError
+from vhs.learning.goals import Told
 
 
 def episodes_state(episodes: Episodes, actor: Actor, waiting: Iterable[EndedEpisode]) -> dict[str, Any]:
@@ -116,7 +118,7 @@ def replay(
     Raises:
         CheckpointError: an environment plays an episode otherwise than it was.
     """
-    again = Episodes(stepping, _Script(episodes), buffer)
+    again = Episodes(stepping, _Script(episodes, buffer.action_dim), buffer)
     again.begin({stream: episode.seed for stream, episode in episodes.items()})
     ended: dict[int, EndedEpisode] = {}
     while again.under_way:
@@ -129,11 +131,12 @@ def replay(
 class _Script:
     """Plays episodes as they were played, and rests where they stopped."""
 
-    def __init__(self, episodes: Mapping[int, Running]) -> None:
+    def __init__(self, episodes: Mapping[int, Running], action_dim: int) -> None:
+        self._action_dim = action_dim
         self._episodes = episodes
         self._taken = dict.fromkeys(episodes, 0)
 
-    def begin(self, stream: int, goal: int, interaction: int) -> Tensor | None:
+    def begin(self, stream: int, goal: Told, interaction: int) -> Tensor | None:
         self._taken[stream] = 0
         return self._episodes[stream].goal_embedding
 
@@ -142,7 +145,8 @@ class _Script:
         actions = [self._episodes[s].actions[self._taken[s]] for s in ready]
         values = [self._episodes[s].values[self._taken[s]] for s in ready]
         self._taken |= {stream: self._taken[stream] + 1 for stream in ready}
-        return np.array(ready, np.int64), np.array(actions, np.int64), np.array(values, np.float32)
+        taken = action_array(actions, self._action_dim)
+        return np.array(ready, np.int64), taken, np.array(values, np.float32)
 
 
 def _check(before: Running, now: Running | EndedEpisode) -> None:

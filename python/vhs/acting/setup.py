@@ -106,7 +106,7 @@ def make_buffer(config: Config, spec: TaskSpec, num_streams: int, num_waiting: i
         num_streams=num_streams,
         capacity_steps=(num_streams + num_waiting) * spec.max_episode_steps,
         frame_stack=config.model.frame_stack,
-        stacking="channels",
+        stacking="channels" if len(spec.frame_shape) == 3 else "frames",
     )
 
 
@@ -155,6 +155,19 @@ def check_runnable(config: Config, task: Task | None = None) -> None:
         raise ConfigError(f"train.device: {config.train.device!r} cannot be used: {error}") from error
 
 
+def settled(config: Config, spec: TaskSpec) -> Config:
+    """The same configuration with what a task decides filled in: keys of `method` that are null."""
+    can_localise = spec.moves is not None and "localise" in config.method.row.terms
+    own = {
+        "localisation_weight": 3.0 if can_localise else 0.0,
+        "supcon_batch": max(16, 2 * spec.num_goals),
+        "relabel_on": ("failure",) if spec.goals == "labels" else ("failure", "timeout"),
+    }
+    method = config.method
+    update = {key: value for key, value in own.items() if getattr(method, key) is None}
+    return config.model_copy(update={"method": method.model_copy(update=update)})
+
+
 def check_goals(config: Config, num_goals: int) -> None:
     """Check that the method can learn to tell so many goal classes apart.
 
@@ -163,7 +176,7 @@ def check_goals(config: Config, num_goals: int) -> None:
     """
     method = config.method
     has_supcon = "supcon" in method.row.terms and method.supcon_weight > 0
-    if has_supcon and method.supcon_batch <= num_goals:
+    if has_supcon and method.supcon_batch is not None and method.supcon_batch <= num_goals:
         raise ConfigError(
             f"method.supcon_batch: expected more than {num_goals}, the number of goals, so that SupCon finds "
             f"two images of one, found {method.supcon_batch}"
@@ -176,24 +189,38 @@ def check_spec(config: Config, task: Task, spec: TaskSpec) -> None:
     Raises:
         ConfigError: goals, actions or frames of a kind that they do not take, or something not said.
     """
-    check_goals(config, spec.num_goals)
-    if spec.goals != "labels":
-        raise ConfigError(f"task {task.name}: expected goals that are classes, found {spec.goals}")
-    if spec.action_dim:
+    method, own = config.method, config.model.extractor is not None
+    is_picture = len(spec.frame_shape) == 3 and np.dtype(spec.frame_dtype) == np.uint8
+    if spec.goals == "labels" or spec.num_goals > 1:
+        check_goals(config, spec.num_goals)
+    if not (is_picture or own or len(spec.frame_shape) == 1):
         raise ConfigError(
-            f"task {task.name}: expected numbered actions, found {spec.action_dim} real numbers"
+            f"task {task.name}: expected frames uint8 [height, width, channels] or vectors [numbers], "
+            f"found {np.dtype(spec.frame_dtype)} {list(spec.frame_shape)}; model.extractor may take others"
         )
-    if np.dtype(spec.frame_dtype) != np.uint8 or len(spec.frame_shape) != 3:
+    shows = [*({"supcon", "discriminator"} & {*method.row.terms}), method.embedding]
+    needs = [name for name in shows if name != "word"]
+    if spec.goals == "labels" and needs and np.dtype(spec.frame_dtype) != np.uint8:
         raise ConfigError(
-            f"task {task.name}: expected frames uint8 [height, width, channels], "
-            f"found {spec.frame_dtype} {list(spec.frame_shape)}"
+            f"task {task.name}: expected frames uint8, of which images of reached goals are kept for "
+            f"{', '.join(needs)}, found {np.dtype(spec.frame_dtype)}; method.name = a3c keeps none"
         )
-    if config.method.localisation_weight and spec.moves is None:
+    if method.localisation_weight and spec.moves is None:
         raise ConfigError(
             f"method.localisation_weight: expected 0 or null, as task {task.name} has no `moves` that say "
-            f"what its actions do to the pose, found {config.method.localisation_weight}"
+            f"what its actions do to the pose, found {method.localisation_weight}"
         )
-    if config.method.value_target == "hindsight_return" and spec.success_reward is None:
+    if spec.goals != "labels" and spec.num_goals == 1 and "discriminator" in method.row.terms:
+        raise ConfigError(
+            f"method.name: expected one without a goal-discriminator, as task {task.name} names no goal "
+            f"classes, found {method.name}"
+        )
+    if spec.action_dim and spec.interactions:
+        raise ConfigError(
+            f"task {task.name}: expected no `interactions` of continuous actions, "
+            f"found {dict(spec.interactions)}"
+        )
+    if method.value_target == "hindsight_return" and spec.success_reward is None:
         raise ConfigError(
             f"method.value_target: expected behaviour, as task {task.name} does not say what a success pays, "
             "found hindsight_return"

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from vhs.rollout import Batch, RolloutPool
 
 
+_GOALS = ("desired_goal", "achieved_goal")
+
+
 @dataclass(frozen=True, slots=True)
 class StepBatch:
     """What some environments showed, a row an environment, in ascending order of their streams."""
@@ -47,6 +50,10 @@ class StepBatch:
     """Whether a limit ended the episode with this step."""
     infos: dict[int, dict[str, Any]]
     """What `TaskEnv` says of ends, by row."""
+    desired_goals: NDArray[Any] | None = None
+    """The goals told, [n, *frame_shape] or [n, *goal_shape]; None where goals are classes."""
+    achieved_goals: NDArray[Any] | None = None
+    """The goals reached, [n, *goal_shape], where goals are vectors."""
 
     @property
     def is_end(self) -> NDArray[np.bool_]:
@@ -61,8 +68,8 @@ class Stepping(Protocol):
         """Begin an episode in each of `streams`."""
         ...
 
-    def send(self, streams: NDArray[np.int64], actions: NDArray[np.int64]) -> None:
-        """Take one step in each of `streams`, both of shape [n]."""
+    def send(self, streams: NDArray[np.int64], actions: NDArray[Any]) -> None:
+        """Take one step in each of `streams`, int64 [n]; actions are as `TaskEnv` takes them."""
         ...
 
     def recv(self) -> StepBatch | None:
@@ -82,7 +89,7 @@ class LocalStepping:
         self._envs = envs
         self._seeds = [0] * len(envs)
         # Commands under way, by stream: the action, or None for a reset.
-        self._commands: dict[int, int | None] = {}
+        self._commands: dict[int, Any] = {}
         self.newest: StepBatch | None = None
         """What `recv` gave last, for those who look on; the environments stand where it shows them."""
 
@@ -92,9 +99,9 @@ class LocalStepping:
             self._seeds[stream] = seed
             self._commands[stream] = None
 
-    def send(self, streams: NDArray[np.int64], actions: NDArray[np.int64]) -> None:
+    def send(self, streams: NDArray[np.int64], actions: NDArray[Any]) -> None:
         """Take one step in each of `streams`."""
-        self._commands |= dict(zip(streams.tolist(), actions.tolist(), strict=True))
+        self._commands |= dict(zip(streams.tolist(), actions, strict=True))
 
     def recv(self) -> StepBatch:
         """Do everything that was commanded since the last call."""
@@ -112,12 +119,15 @@ class LocalStepping:
             terminated=np.array([row[2] for row in rows], dtype=np.bool_),
             truncated=np.array([row[3] for row in rows], dtype=np.bool_),
             infos={index: row[4] for index, row in enumerate(rows) if row[4]},
+            **{
+                f"{entry}s": np.stack([row[0][entry] for row in rows])
+                for entry in _GOALS
+                if entry in rows[0][0]
+            },
         )
         return self.newest
 
-    def _do(
-        self, stream: int, action: int | None
-    ) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+    def _do(self, stream: int, action: Any) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
         env = self._envs[stream]
         if action is None:
             observation, info = env.reset(seed=self._seeds[stream])
@@ -175,7 +185,7 @@ class PooledStepping:
         self._scripts |= {stream: _Script(seed) for stream, seed in zip(streams, seeds, strict=True)}
         self._pool.reset(np.array(streams, dtype=np.int64), seeds=seeds)
 
-    def send(self, streams: NDArray[np.int64], actions: NDArray[np.int64]) -> None:
+    def send(self, streams: NDArray[np.int64], actions: NDArray[Any]) -> None:
         """Take one step in each of `streams`."""
         for stream, action in zip(streams.tolist(), actions.tolist(), strict=True):
             self._scripts[stream].actions.append(action)
@@ -260,6 +270,7 @@ def _step_batch(batch: Batch) -> StepBatch:
         terminated=batch.terminated,
         truncated=batch.truncated,
         infos=batch.infos,
+        **{f"{entry}s": observation[entry] for entry in _GOALS if entry in observation},
     )
 
 
@@ -268,7 +279,7 @@ def _joined(rows: Sequence[tuple[StepBatch, int]]) -> StepBatch:
     arrays = {
         name: np.array([getattr(batch, name)[row] for batch, row in rows])
         for name in (each.name for each in fields(StepBatch))
-        if name not in ("seeds", "infos")
+        if name not in ("seeds", "infos") and getattr(rows[0][0], name) is not None
     }
     return StepBatch(
         **arrays,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pydantic_core import PydanticCustomError
@@ -87,8 +87,12 @@ class EnvSection(_Section):
 class ModelSection(_Section):
     """The network (paper, appendix "Implementation Details")."""
 
-    channels: Annotated[tuple[PositiveInt, ...], Field(min_length=4, max_length=4)] = (16, 32, 32, 64)
-    """Output channels of the four convolutions; the paper-size network is (32, 64, 128, 256)."""
+    channels: Annotated[tuple[PositiveInt, ...], Field(min_length=1)] = (16, 32, 32, 64)
+    """Output channels of each convolution, which halves the picture; the paper-size network is
+    (32, 64, 128, 256)."""
+    extractor: str | None = None
+    """A feature extractor of one's own, ``module:factory`` (`vhs.models.ExtractorFactory`), in place of those
+    convolutions; null takes them, or a perceptron where frames are vectors."""
     feature_dim: PositiveInt = 256
     """Length of f(o) and of a prototype (paper: 256)."""
     hidden_dim: PositiveInt = 256
@@ -111,8 +115,9 @@ class MethodSection(_Section):
     method's own unless given."""
     supcon_weight: Annotated[NonNegativeFloat, _SUPCON] = 0.5
     """Weight of the SupCon loss (paper: 0.5)."""
-    supcon_batch: Annotated[Annotated[int, Field(ge=2)], _GOAL_IMAGES] = 16
-    """Goal images in a SupCon batch of a learner (paper: 64; a quarter of it serves as well)."""
+    supcon_batch: Annotated[Annotated[int, Field(ge=2)] | None, _GOAL_IMAGES] = None
+    """Goal images in a SupCon batch of a learner; null is 16, or two a goal class where that is more (paper:
+    64; a quarter of it serves as well)."""
     supcon_temperature: Annotated[PositiveFloat, _SUPCON] = 0.07
     """Temperature tau_s (paper: 0.07)."""
     warmup: Annotated[PositiveInt, _GOAL_IMAGES] = 100
@@ -129,8 +134,9 @@ class MethodSection(_Section):
     """Images a class behind an exact prototype (paper: 64)."""
     relabel_probability: Annotated[Probability, _IMITATION] = 0.8
     """Chance that an episode of `relabel_on` is relabelled (paper: eta = 0.8)."""
-    relabel_on: Annotated[tuple[OutcomeName, ...], _IMITATION] = ("failure",)
-    """Outcomes that are relabelled (paper: failure; its ablation adds timeout; Ghosh et al. take all)."""
+    relabel_on: Annotated[tuple[OutcomeName, ...] | None, _IMITATION] = None
+    """Outcomes that are relabelled; null is failure, and timeout as well where goals are pictures or vectors,
+    as every end is then a goal (paper: failure; its ablation adds timeout; Ghosh et al. take all)."""
     hindsight_discount: Annotated[Probability, _IMITATION] = 0.7
     """Weight of an imitated action for each step between it and the end of its episode (paper: 1); below 1
     the approach to the goal counts more than the wandering before it."""
@@ -165,12 +171,6 @@ class MethodSection(_Section):
     def parts(self) -> frozenset[str]:
         """What reads its keys."""
         return self.row.parts(self.embedding)
-
-    def for_task(self, *, has_moves: bool) -> Self:
-        """The same with the weight of localisation that null stands for; 0 where a task has no `moves`."""
-        asked = 3.0 if self.localisation_weight is None else self.localisation_weight
-        weight = asked if has_moves and "localise" in self.row.terms else 0.0
-        return self.model_copy(update={"localisation_weight": weight})
 
     @model_validator(mode="before")
     @classmethod

@@ -85,6 +85,7 @@ def _room_task(name: str, kind: RoomTask, config: RoomConfig, renderer: str) -> 
         interactions=last_actions(kind.num_actions, kind.interactions),
         success_reward=config.reward_success + config.reward_step,
         goals=OBJECT_NAMES,
+        limit_ends=True,
         actions=("MoveForward", "TurnLeft", "TurnRight", *interact[: kind.interactions]),
         keys=keys,
         reached=reached_object,

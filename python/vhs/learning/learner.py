@@ -98,9 +98,15 @@ class Learner:
         self._train = train
         self._success_reward = success_reward
         self._reckoning = reckoning
+        # Without classes there is nothing to tell images of goals apart by.
+        lacking = {
+            over
+            for over, is_there in (("reached", reckoning is not None), ("images", goals.has_classes))
+            if not is_there
+        }
         terms = {name: TERMS[name] for name in method.row.terms}
         self._terms: dict[str, Term] = {
-            name: term for name, term in terms.items() if reckoning is not None or term.over != "reached"
+            name: term for name, term in terms.items() if term.over not in lacking
         }
         self._over = {term.over for term in self._terms.values()}
         self._device = agent.gate.weight.device
@@ -186,23 +192,36 @@ class Learner:
     def _forward(self, agent: GoalAgent, share: Share, features: Tensor, image_features: Tensor) -> Forward:
         """Run the LSTM once, over lived and relabelled episodes as far as terms read them."""
         batch = share.batch
-        steps = torch.arange(batch.actions.shape[1], device=self._device)
+        length = batch.actions.shape[1]
+        # What follows a step that a limit cut off is the critic's to say, and it reads one observation more.
+        is_cut = ~batch.terminated
+        steps = torch.arange(length + int(is_cut.any()), device=self._device)
         rows = (self._tensor(batch.offsets).unsqueeze(1) + steps).clamp(max=len(features) - 1)
         sequences = features[rows]
         passes = self._passes(agent, share, features, sequences)
         passed: dict[str, Episodes] = {}
         if passes:
-            log_probs, values, _ = agent(*map(torch.cat, zip(*(one.inputs for one in passes), strict=True)))
+            policy, values, _ = agent(*map(torch.cat, zip(*(one.inputs for one in passes), strict=True)))
             sizes = [len(one.rows) for one in passes]
-            for one, own, seen in zip(passes, log_probs.split(sizes), values.split(sizes), strict=True):
-                actions, mask = batch.actions[one.rows], batch.mask[one.rows]
+            for one, own, seen in zip(passes, policy.split(sizes), values.split(sizes), strict=True):
                 passed[one.over] = Episodes(
-                    one.rows, own, seen, self._tensor(actions), self._tensor(mask).float()
+                    one.rows,
+                    agent.head,
+                    own[:, :length],
+                    seen[:, :length],
+                    self._tensor(batch.actions[one.rows]),
+                    self._tensor(batch.mask[one.rows]).float(),
+                    self._beyond(batch, one.rows, seen) if is_cut.any() else None,
                 )
         images = None if share.images is None else Images(image_features, share.images.labels)
         reached = self._reached(batch, features, sequences) if "reached" in self._over else None
         parts = (passed.get("lived"), passed.get("relabelled"), images, reached)
         return Forward(agent, batch, *parts, self._method, self._train, self._success_reward)
+
+    def _beyond(self, batch: EpisodeBatch, rows: NDArray[np.int64], values: Tensor) -> Tensor:
+        """V(o_T) of episodes that a limit cut off, 0 of the others; values as far as o_T, [B, T + 1]."""
+        last = values.gather(1, self._tensor(batch.lengths[rows]).unsqueeze(1)).squeeze(1)
+        return last.detach() * self._tensor(~batch.terminated[rows])
 
     def _passes(self, agent: GoalAgent, share: Share, features: Tensor, sequences: Tensor) -> list[_Pass]:
         """What the LSTM has to run over, of features of each episode, shape [B, T, feature_dim]."""
@@ -210,12 +229,13 @@ class Learner:
         passes = []
         if "lived" in self._over:
             everything = np.arange(len(batch.lengths))
-            goals = self.goals.instructed(agent, self._tensor(batch.goals), share.goals)
+            goals = self.goals.instructed(agent, batch, share.goals)
             passes.append(_Pass("lived", everything, (sequences, goals, self._tensor(batch.interactions))))
         selected = np.flatnonzero(hindsight.selected)
         if len(selected):
             chosen = self._tensor(selected)
-            goals = self.goals.hindsight(features[self._tensor(hindsight.goal_rows)[chosen]].detach())
+            rows = hindsight.goal_rows[selected]
+            goals = self.goals.hindsight(agent, batch, rows, features[self._tensor(rows)].detach())
             done = self._tensor(hindsight.interactions)[chosen]
             passes.append(_Pass("relabelled", selected, (sequences[chosen], goals, done)))
         return passes

@@ -97,7 +97,7 @@ def check_method(name: str, section: Mapping[str, Any]) -> None:
     alone = f"for method.name = {name}, which learns from relabelled episodes alone"
     if probability == 0:
         raise ValueError(f"method.relabel_probability: expected above 0 {alone}, found {probability}")
-    if not section["relabel_on"]:
+    if section["relabel_on"] == ():
         raise ValueError(f"method.relabel_on: expected an outcome {alone}, found none")
     if section["vhs_weight"] == 0:
         raise ValueError(f"method.vhs_weight: expected above 0 {alone}, found {section['vhs_weight']}")

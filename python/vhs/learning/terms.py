@@ -28,7 +28,7 @@ from vhs.losses import (
     localisation_loss,
     supcon_loss,
 )
-from vhs.models import DiscriminativeAgent, GoalAgent, to_device
+from vhs.models import ActionHead, DiscriminativeAgent, GoalAgent, to_device
 
 Over = Literal["lived", "relabelled", "images", "reached"]
 """What a term is over: episodes as lived, relabelled ones, goal images, views of what was reached."""
@@ -36,19 +36,34 @@ Over = Literal["lived", "relabelled", "images", "reached"]
 _Found = TypeVar("_Found")
 
 
-class Episodes(NamedTuple):
+@dataclass(frozen=True)
+class Episodes:
     """What the agent makes of B episodes of up to T steps, under one goal each, and what they did."""
 
     rows: NDArray[np.int64]
     """Which episodes of the batch, shape [B]."""
-    log_probs: Tensor
-    """log pi in nats, shape [B, T, actions]."""
+    head: ActionHead
+    policy: Tensor
+    """pi, as parameters of `head`, shape [B, T, head.size]."""
     values: Tensor
     """V, shape [B, T]."""
     actions: Tensor
-    """Taken, int64 [B, T]."""
+    """Taken, int64 [B, T], or float32 [B, T, dim]."""
     valid: Tensor
     """1 inside the episode, 0 after its end, shape [B, T]."""
+    beyond: Tensor | None = None
+    """V of the last observation of each episode that a limit cut off, 0 of one that ended, shape [B]; None
+    where all ended."""
+
+    @cached_property
+    def taken(self) -> Tensor:
+        """The actions' log pi, in nats, shape [B, T]."""
+        return self.head.log_prob(self.policy, self.actions)
+
+    @cached_property
+    def entropy(self) -> Tensor:
+        """Of pi, in nats, shape [B, T]."""
+        return self.head.entropy(self.policy)
 
 
 class Images(NamedTuple):
@@ -105,8 +120,9 @@ class Forward:
             lived.valid,
             self.train.gamma,
             self.train.return_lambda,
+            lived.beyond,
         )
-        return actor_critic_loss(lived.log_probs, lived.actions, lived.values, returns, lived.valid)
+        return actor_critic_loss(lived.taken, lived.entropy, lived.values, returns, lived.valid)
 
     @cached_property
     def imitation(self) -> ImitationTerms:
@@ -120,8 +136,7 @@ class Forward:
             gamma=self.train.gamma,
         )
         return hindsight_imitation_loss(
-            relabelled.log_probs,
-            relabelled.actions,
+            relabelled.taken,
             relabelled.values,
             self.tensor(targets[relabelled.rows]),
             relabelled.valid,

@@ -16,6 +16,7 @@ from typing import Any
 
 from vhs import __version__
 from vhs.config import Config, dump_config, load_config
+from vhs.config.schema import unread_keys
 from vhs.config.task import file_of
 from vhs.config.variants import differing_keys, flat_config
 from vhs.errors import CheckpointError, ConfigError
@@ -156,7 +157,8 @@ def fixed_settings(config: Config) -> dict[str, Any]:
 
     Of a task in a file it is the name, for a file may move.
     """
-    settings = {key: value for key, value in flat_config(config).items() if key not in MAY_CHANGE}
+    unread = {key for key, _ in unread_keys(config.method.parts)}
+    settings = {key: value for key, value in flat_config(config).items() if key not in MAY_CHANGE | unread}
     return settings | ({"task": config.task_name} if "task" in settings else {})
 
 

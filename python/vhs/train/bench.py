@@ -88,7 +88,7 @@ def measure_environments(config: Config, seconds: float) -> float:
     """Steps a second of the environments; a reset counts as none, and takes its time."""
     streams, task = config.env.num_envs, task_of(config)
     spec = learn_spec(config, task)
-    player = RandomPlayer(spec.num_actions, np.random.default_rng(config.seed))
+    player = RandomPlayer(spec, np.random.default_rng(config.seed))
     with closing(make_stepping(config, task, spec, streams)) as stepping:
         episodes = Episodes(stepping, player, make_buffer(config, spec, streams, streams), itertools.count())
         episodes.start()

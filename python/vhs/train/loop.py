@@ -24,11 +24,13 @@ from vhs.acting.setup import (
     learn_spec,
     make_buffer,
     make_stepping,
+    settled,
     task_of,
     with_given,
 )
 from vhs.config import Config
 from vhs.interrupt import stop_on_signal
+from vhs.models import ExtractorFactory
 from vhs.runs.checkpoint import fitting, has_checkpoint, load_checkpoint, save_checkpoint
 from vhs.runs.directory import check_run, fixed_settings, open_run
 from vhs.runs.window import Window
@@ -55,7 +57,14 @@ class Progress:
     """Wall-clock of training over all resumptions."""
 
 
-def train(config: Config, run: Path, stream: TextIO | None = None, *, task: Task | None = None) -> bool:
+def train(
+    config: Config,
+    run: Path,
+    stream: TextIO | None = None,
+    *,
+    task: Task | None = None,
+    extractor: ExtractorFactory | None = None,
+) -> bool:
     """Train until `train.episodes` or a signal, resuming what the directory already holds.
 
     Args:
@@ -64,6 +73,8 @@ def train(config: Config, run: Path, stream: TextIO | None = None, *, task: Task
         stream: where a person reads along; standard output by default.
         task: what to train on; None: the task that the configuration names. Whoever looks at the run later
             has to say it again.
+        extractor: makes the feature extractor in place of `model.extractor`; whoever loads the agent gives it
+            again.
 
     Returns:
         True when the run is finished, False when a signal stopped it.
@@ -76,10 +87,12 @@ def train(config: Config, run: Path, stream: TextIO | None = None, *, task: Task
     """
     config, task = with_given(config, task), task or task_of(config)
     check_runnable(config, task)
+    spec = learn_spec(config, task)
+    config = settled(config, spec)
     check_run(config, run)
     torch.set_num_threads(config.train.threads)
     keep_freed_memory()
-    session = Session(config, run, task, learn_spec(config, task))
+    session = Session(config, run, task, spec, extractor)
     with (
         closing(session),
         open_run(
@@ -118,11 +131,25 @@ class Session:
     """One run's parts, from its first episode or from its last checkpoint."""
 
     def __init__(
-        self, config: Config, run: Path, task: Task | None = None, spec: TaskSpec | None = None
+        self,
+        config: Config,
+        run: Path,
+        task: Task | None = None,
+        spec: TaskSpec | None = None,
+        extractor: ExtractorFactory | None = None,
     ) -> None:
-        """Take up the run in a directory where it stands; `task` as for `train`, `spec` what it was found."""
+        """Take up the run in a directory where it stands.
+
+        Args:
+            config: as for `train`.
+            run: as for `train`.
+            task: as for `train`.
+            spec: what the task was found to be; None: found here.
+            extractor: as for `train`.
+        """
         task, streams = task or task_of(config), config.env.num_envs
         spec = spec or learn_spec(config, task)
+        config = settled(config, spec)
         self._config = config
         self._run = run
         self._task = task
@@ -130,7 +157,7 @@ class Session:
         self.dropped = 0
         """Episodes of the checkpoint that could not be brought back."""
         check_spec(config, task, spec)
-        self._learner = make_learner(config, spec)
+        self._learner = make_learner(config, spec, extractor)
         self._generator = torch.Generator().manual_seed(config.seed)
         self._window = Window()
         with fitting(run):

@@ -12,10 +12,11 @@ use crate::light::{Choice, Lamps, MOST_LIGHTS};
 use crate::mirror::Mirror;
 use crate::nodes::{Lighter, NodeCache, Role};
 use crate::output::{Layout, write_out};
+use crate::paint::Sample;
 use crate::parts::Part;
 use crate::scene::{Geom, Shape};
 use crate::shade::Shader;
-use crate::shadow::{Sample, Shade};
+use crate::shadow::Shade;
 use crate::view::{Effects, Shown, View};
 
 /// How edges are smoothed.

@@ -2,9 +2,8 @@
 
 use crate::cover::{Cover, Drawn, NOTHING, middle};
 use crate::lanes::{FEWEST_LANES, Kind, MOST_LANES};
-use crate::paint::Places;
+use crate::paint::{Places, Sample};
 use crate::shade::{Ready, Run, Shader, shade_run};
-use crate::shadow::Sample;
 
 /// One face in one pixel.
 #[derive(Debug, Clone, Copy)]

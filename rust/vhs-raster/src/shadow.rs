@@ -11,6 +11,7 @@ use crate::camera::{Camera, Lens, Projection};
 use crate::cover::{Corner, Outline, Window, window_around};
 use crate::frame::{Frame, Sink};
 use crate::math::V3;
+use crate::paint::Sample;
 use crate::scene::{Light, LightKind, Shadows};
 use crate::view::View;
 
@@ -82,13 +83,6 @@ fn across(v: [f64; 3]) -> [f64; 3] {
     } else {
         [-v[2], 0.0, v[0]]
     }
-}
-
-/// A visible sample: the depth plane of its face, and where it is in the camera's picture.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Sample {
-    pub(crate) depth: V3,
-    pub(crate) at: [f32; 2],
 }
 
 /// Which of some samples a light does not reach.
