@@ -190,6 +190,15 @@ class TaskSpec:
     """Action -> what it does to the pose: metres forward, then radians to the left; the other actions leave
     it as it is. None where nobody said."""
 
+    @property
+    def can_localise(self) -> bool:
+        """Whether hindsight can say where what was reached had been.
+
+        The moves are known then, goals are classes and frames are pictures.
+        """
+        is_picture = np.dtype(self.frame_dtype) == np.uint8 and len(self.frame_shape) == 3
+        return bool(self.moves) and self.goals == "labels" and is_picture
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:

@@ -139,10 +139,11 @@ def check_spec(config: Config, task: Task, spec: TaskSpec) -> None:
             f"task {task.name}: expected frames uint8 [height, width, channels], "
             f"found {spec.frame_dtype} {list(spec.frame_shape)}"
         )
-    if config.method.localisation_weight and spec.moves is None:
+    if config.method.localisation_weight and not spec.can_localise:
         raise ConfigError(
-            f"method.localisation_weight: expected 0 or null, as task {task.name} has no `moves` that say "
-            f"what its actions do to the pose, found {config.method.localisation_weight}"
+            f"method.localisation_weight: expected 0 or null, as task {task.name} has not all of `moves` "
+            "(what its actions do to the pose), goals that are classes, and pictures, "
+            f"found {config.method.localisation_weight}"
         )
     if config.method.value_target == "hindsight_return" and spec.success_reward is None:
         raise ConfigError(

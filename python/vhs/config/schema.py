@@ -160,10 +160,10 @@ class MethodSection(_Section):
         """What reads its keys."""
         return self.row.parts(self.embedding)
 
-    def for_task(self, *, has_moves: bool) -> Self:
-        """The same with the weight of localisation that null stands for; 0 where a task has no `moves`."""
+    def for_task(self, *, can_localise: bool) -> Self:
+        """The same with the weight of localisation that null stands for; 0 where a task does not allow it."""
         asked = 3.0 if self.localisation_weight is None else self.localisation_weight
-        weight = asked if has_moves and "localise" in self.row.terms else 0.0
+        weight = asked if can_localise and "localise" in self.row.terms else 0.0
         return self.model_copy(update={"localisation_weight": weight})
 
     @model_validator(mode="before")

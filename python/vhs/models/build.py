@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def make_agent(config: Config, spec: TaskSpec) -> GoalAgent:
     """The networks of a configuration's method, on its device, initialised from the run's seed alone."""
-    model, method = config.model, config.method.for_task(has_moves=spec.moves is not None)
+    model, method = config.model, config.method.for_task(can_localise=spec.can_localise)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
         extractor = FeatureExtractor(spec.frame_shape, model.frame_stack, model.channels, model.feature_dim)

@@ -15,7 +15,7 @@ from vhs.task import TaskSpec
 def make_learner(config: Config, spec: TaskSpec) -> Learner:
     """The learner at its beginning, before any episode."""
     agent, dtype = make_agent(config, spec), convolution_dtype(config)
-    method = config.method.for_task(has_moves=spec.moves is not None)
+    method = config.method.for_task(can_localise=spec.can_localise)
     return Learner(
         agent,
         make_goals(config, agent, spec.num_goals, dtype),
