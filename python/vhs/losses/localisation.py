@@ -30,9 +30,9 @@ def localisation_loss(
         out_of_view_rad: bearings of more are not.
 
     Returns:
-        Binary cross-entropy in nats, the mean over the steps that have an answer, shape []; 0 of none. Unlike
-        an imitated step an answered one need not weigh as much as a lived one: views teach what things look
-        like, as goal images do, and most of them come while little is reached.
+        Binary cross-entropy in nats, the mean over the steps that have an answer, shape []; 0 of none. A step
+        weighs more where few episodes reach something, unlike an imitated one: it says what things look like,
+        as goal images do, and that is needed most at first.
 
     Raises:
         ShapeError: the tensors do not fit together.
