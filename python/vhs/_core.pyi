@@ -1104,14 +1104,15 @@ def egomotion(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Dead reckoning: where the end of each padded episode lay, seen from the beginning of each of its steps.
 
-    The moves are undone one by one from the end; an action first moves forward and then turns. What lies
-    after an episode's end is not read.
+    The moves are undone one by one from the end; an action first moves and then turns. What lies after an
+    episode's end is not read.
 
     Args:
         actions: int64 [B, T].
-        blocked: Steps that went nowhere, bool [B, T]: their way forward is not counted, their turn is.
+        blocked: Steps that went nowhere, bool [B, T]: their way is not counted, their turn is.
         lengths: Steps of each episode, int64 [B], in 0..=T.
-        moves: What each action does, float32 [actions, 2]: metres forward, radians to the left.
+        moves: What each action does, float32 [actions, 3]: metres forward, metres to the left, radians to the
+            left.
         ahead_m: What is looked for lies so many metres in front of the last pose, at least 0.
 
     Returns:
