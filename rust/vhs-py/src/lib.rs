@@ -22,6 +22,7 @@ mod episode_buffer;
 mod error;
 mod goals;
 mod hindsight;
+mod interrupt;
 mod prototypes;
 mod raster;
 mod raster_feed;
@@ -30,10 +31,14 @@ mod returns;
 mod rng;
 #[cfg(target_os = "linux")]
 mod rollout;
+mod shared;
 mod transitions;
 
 /// The compiled half of the Python package `vhs`.
-#[pyo3::pymodule]
+///
+/// It needs the interpreter's lock: what a `SAFETY` note says of arrays that other threads leave alone rests on it.
+/// An interpreter without one takes it back when this module is imported, and says so.
+#[pyo3::pymodule(gil_used = true)]
 mod _core {
     #[pymodule_export]
     use crate::batch::{EpisodeBatch, Hindsight};

@@ -54,6 +54,7 @@ fn the_same_seed_draws_the_same_as_from_python() {
     let shape = WindowShape {
         length: 2,
         burn_in: 1,
+        is_strict: false,
     };
     let batch = buffer.sample_windows(4, shape, Some(&rule), None);
     let goals = batch.expect("episodes are stored").index.goals;

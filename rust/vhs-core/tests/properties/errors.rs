@@ -16,7 +16,7 @@ fn variant(error: &Error) -> String {
 }
 
 /// Every variant; `vhs-base` does not compile with one that is not listed.
-const VARIANTS: [&str; 12] = [
+const VARIANTS: [&str; 13] = [
     "Shape",
     "Argument",
     "Label",
@@ -28,6 +28,7 @@ const VARIANTS: [&str; 12] = [
     "UnknownEpisode",
     "Memory",
     "Io",
+    "Interrupted",
     "Damaged",
 ];
 
