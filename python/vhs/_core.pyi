@@ -66,8 +66,8 @@ __all__ = [
 __version__: str
 
 _Strategy = Literal["final", "future", "episode", "random"]
-# (achieved_goals, goals) -> rewards, or (rewards, terminated)
-_RewardFunction = Callable[[NDArray[Any], NDArray[Any]], Any]
+# (achieved_goals, goals), or with ids and steps -> rewards, or (rewards, terminated)
+_RewardFunction = Callable[..., Any]
 
 class _PrototypesState(TypedDict):
     table: NDArray[np.float32]
@@ -579,7 +579,9 @@ class EpisodeBuffer:
             reward: How relabelled steps are rewarded. None: `SparseReward()`. A function is called once, with
                 what all n steps reached and all n goals, [n, *goal] each, and returns rewards [n], or rewards
                 and terminated (bool [n]); what it says of steps that are not relabelled is not used. Where it
-                returns rewards alone, terminated stays as recorded.
+                returns rewards alone, terminated stays as recorded. One with a true attribute `by_step` is
+                called with two more arrays: id and step of each row, int64 [n] (of windows [n, W], steps -1
+                beyond the end), for what a caller keeps beside the buffer.
             out: Arrays to write into, by the name of the batch's attribute: "observations",
                 "next_observations", "goals", "achieved_goals", "previous_achieved_goals", or some of them.
 

@@ -14,7 +14,7 @@ use vhs_core::pool::Bytes;
 use vhs_core::relabel::{Hindsight, Rule};
 use vhs_core::strategy::HindsightRule;
 use vhs_core::transitions::TransitionOut;
-use vhs_core::windows::WindowShape;
+use vhs_core::windows::{WindowIndex, WindowShape};
 
 use crate::arrays::checked;
 use crate::batch::EpisodeBatch;
@@ -192,7 +192,8 @@ impl EpisodeBuffer {
                 && let Some(goals) = &large[2]
             {
                 let achieved = large[3].as_ref().or(large[1].as_ref()).unwrap_or(goals);
-                if let Some((rewards, terminated)) = reward.judge(achieved, goals, &[n])? {
+                let steps = || (index.goals.ids.clone(), index.goals.steps.clone());
+                if let Some((rewards, terminated)) = reward.judge(achieved, goals, &[n], steps)? {
                     checked(index.set_relabelled(&rewards, terminated.as_deref()))?;
                 }
             }
@@ -242,7 +243,10 @@ impl EpisodeBuffer {
                 let (achieved, goals) =
                     step_goals(achieved.as_ref().unwrap_or(&observations), goals)?;
                 let cells = [n, window.steps()];
-                if let Some((rewards, terminated)) = reward.judge(&achieved, &goals, &cells)? {
+                let steps = || steps_of(&index, window.steps());
+                if let Some((rewards, terminated)) =
+                    reward.judge(&achieved, &goals, &cells, steps)?
+                {
                     checked(index.set_relabelled(&rewards, terminated.as_deref()))?;
                 }
             }
@@ -250,6 +254,19 @@ impl EpisodeBuffer {
             WindowBatch::from_core(py, large, index, config.action_dim)
         })
     }
+}
+
+/// Episode and step of every cell of windows of so many steps; -1 beyond the end.
+fn steps_of(index: &WindowIndex, width: usize) -> (Vec<i64>, Vec<i64>) {
+    let (mut ids, mut steps) = (Vec::new(), Vec::new());
+    let windows = index.goals.ids.iter().zip(&index.goals.steps);
+    for ((&id, &first), &length) in windows.zip(&index.lengths) {
+        for cell in (0..).take(width) {
+            ids.push(id);
+            steps.push(if cell < length { first + cell } else { -1 });
+        }
+    }
+    (ids, steps)
 }
 
 /// What a reward function is asked about windows: what each step reached, and the window's goal beside each.

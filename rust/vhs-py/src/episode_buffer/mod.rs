@@ -25,7 +25,7 @@ const BRIEF: usize = 1 << 16;
 #[doc = stub!("EpisodeBuffer")]
 // Readers work side by side; whoever writes works alone. The generator has a lock of its own, held for a
 // moment, and always taken last.
-#[pyclass(frozen, module = "vhs._core")]
+#[pyclass(frozen, weakref, module = "vhs._core")]
 pub(crate) struct EpisodeBuffer {
     inner: RwLock<core::EpisodeBuffer>,
     pub(crate) rng: Shared<Rng>,
