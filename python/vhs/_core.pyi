@@ -171,13 +171,13 @@ class GoalStore:
         """Write the store to a file, generator included.
 
         A temporary file beside it is written, synced and renamed over `path`: whoever reads sees the old file
-        or the new one. A symbolic link stays, and the file that it leads to is replaced; a file keeps its mode.
-        Images are written from where they lie, as they are when the call begins: other threads go on meanwhile,
-        and an image that they overwrite is kept until the call ends.
+        or the new one. A symbolic link stays, and the file that it leads to is replaced; a file keeps its
+        mode. Images are written from where they lie, as they are when the call begins: other threads go on
+        meanwhile, and an image that they overwrite is kept until the call ends.
 
         Raises:
-            OSError: The fitting subclass, such as PermissionError, and for a path that is no file (a device, a
-                pipe, a directory); the file is then as it was, or new and whole where only its directory
+            OSError: The fitting subclass, such as PermissionError, and for a path that is no file (a device,
+                a pipe, a directory); the file is then as it was, or new and whole where only its directory
                 could not be synced.
         """
 
@@ -626,9 +626,9 @@ class EpisodeBuffer:
             reward: As for `sample_transitions`; a function is called once, with [n, burn_in + length, *goal]
                 of what each step reached and of its window's goal, the latter read-only.
             out: [n, burn_in + length + 1, *observation_shape], for the observations.
-            strict: Draw full windows alone, of `length` learned steps: an episode of T steps has T - length +
-                1, a shorter one none, and steps at the ends of an episode come less often. A call walks over
-                the stored episodes once.
+            strict: Draw full windows alone, of `length` learned steps: an episode of T steps has T - length
+                + 1, a shorter one none, and steps at the ends of an episode come less often. A call walks
+                over the stored episodes once.
 
         Raises:
             EmptyError: Also where `strict` and every episode is shorter than a window.
@@ -644,8 +644,8 @@ class EpisodeBuffer:
         episodes that are evicted is used again once the call ends.
 
         Raises:
-            OSError: The fitting subclass, such as PermissionError, and for a path that is no file (a device, a
-                pipe, a directory); the file is then as it was, or new and whole where only its directory
+            OSError: The fitting subclass, such as PermissionError, and for a path that is no file (a device,
+                a pipe, a directory); the file is then as it was, or new and whole where only its directory
                 could not be synced.
         """
 
@@ -864,11 +864,11 @@ class TransitionBatch:
 
     @property
     def achieved_goals(self) -> NDArray[Any] | None:
-        """Goals reached by the step, [n, *goal_shape]; None where `next_observations` are what is reached."""
+        """Goals reached by the step, [n, *goal_shape]; None where `next_observations` are that."""
 
     @property
     def previous_achieved_goals(self) -> NDArray[Any] | None:
-        """Goals reached before the step, [n, *goal_shape]; None where `observations` are what is reached."""
+        """Goals reached before the step, [n, *goal_shape]; None where `observations` are that."""
 
     @property
     def actions(self) -> NDArray[Any]:

@@ -50,10 +50,10 @@ __all__ = [
 class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     """Records every step of an environment in one stream of a buffer.
 
-    Several recorders may share a buffer, each with a stream of its own: a stream is that of the recorder that was
-    reset last, and another one steps its environment unrecorded from then on, with a warning. An episode that is
-    reset before it has ended is kept as a timeout if it has a step, and dropped otherwise; one in which a step
-    raised is dropped.
+    Several recorders may share a buffer, each with a stream of its own: a stream is that of the recorder that
+    was reset last, and another one steps its environment unrecorded from then on, with a warning. An episode
+    that is reset before it has ended is kept as a timeout if it has a step, and dropped otherwise; one in
+    which a step raised is dropped.
 
     Numbered actions are stored, and given back by samplers, as the environment counts them:
     those of `Discrete(3, start=5)` are 5, 6 and 7.
@@ -104,8 +104,9 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         """Reset the environment and open an episode.
 
         Raises:
-            ShapeError, DtypeError: For a frame or goal that the buffer cannot hold. Numbers are converted where
-                nothing but precision is lost (float64 to float32, int64 to uint8 if they fit), shapes never.
+            ShapeError, DtypeError: For a frame or goal that the buffer cannot hold. Numbers are converted
+                where nothing but precision is lost (float64 to float32, int64 to uint8 if it fits), shapes
+                never.
         """
         observation, info = self.env.reset(seed=seed, options=options)
         self._leave_open_episode()
@@ -131,8 +132,8 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         """
         if self._streams.is_of_another(self.stream, self):
             warnings.warn(
-                f"`step` on stream {self.stream}: expected this recorder's own, found that another one was reset "
-                "on it since; this step is not recorded",
+                f"`step` on stream {self.stream}: expected this recorder's own, found that another one was "
+                "reset on it since; this step is not recorded",
                 RuntimeWarning,
                 stacklevel=2,
             )
@@ -190,8 +191,8 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     def reward(self) -> Callable[[NDArray[Any], NDArray[Any]], NDArray[Any]]:
         """The environment's own `compute_reward`, as `sample_transitions(reward=...)` takes it.
 
-        It is called once a batch, with the infos of the steps as they were recorded: a sequence of dictionaries,
-        `infos["key"]` the array of an entry. They say what the environment said under the old goal.
+        It is called once a batch, with the infos of the steps as they were recorded: a sequence of
+        dictionaries, `infos["key"]` the array of an entry. They say what held under the old goal.
         """
         return EnvReward(self.env.get_wrapper_attr("compute_reward"), self.buffer)
 

@@ -1,7 +1,7 @@
 """What the recorders of one buffer share: whose a stream is, and the infos of the steps that were recorded.
 
-A buffer keeps no infos: they are Python's dictionaries, of any content. Where an environment's `compute_reward`
-reads them, they are kept here beside the buffer, as long as it stores their episodes.
+A buffer keeps no infos: they are Python's dictionaries, of any content. Where an environment's
+`compute_reward` reads them, they are kept here beside the buffer, as long as it stores their episodes.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def copied(info: Info) -> Info:
 
 
 class Infos(Sequence[Info]):
-    """The infos of the steps of a batch: a sequence of dictionaries; `infos["key"]` is the array of an entry."""
+    """The infos of a batch's steps: a sequence of dictionaries; `infos["key"]` is the array of an entry."""
 
     def __init__(self, kept: dict[int, list[Info]], ids: NDArray[np.int64], steps: NDArray[np.int64]) -> None:
         """Of step `steps[i]` of episode `ids[i]`, each; what is before the first step is the first."""
@@ -101,8 +101,8 @@ class Infos(Sequence[Info]):
     def _info(self, episode: int, step: int) -> Info:
         if episode not in self._kept:
             raise EpisodeError(
-                f"episode {episode}: expected the infos of its steps, which compute_reward reads, found none: a "
-                "buffer stores no infos; a recorder keeps them beside it where it is made with infos=True"
+                f"episode {episode}: expected the infos that compute_reward reads, found none: "
+                "a buffer stores none; a recorder keeps them beside it where it is made with infos=True"
             )
         return self._kept[episode][step]
 
