@@ -44,23 +44,25 @@ pub struct Pass {
 /// Waits for a fork that is under way, and holds back the next.
 pub fn enter() -> Pass {
     watch_forks();
-    let is_outer = !HAS_PASS.get();
-    while is_outer {
-        ACTIVE.fetch_add(1, SeqCst);
-        // Sequentially consistent, as in `before`: one of the two sees the other.
-        if !CLOSED.load(SeqCst) {
-            break;
-        }
-        ACTIVE.fetch_sub(1, SeqCst);
-        while CLOSED.load(SeqCst) {
-            thread::sleep(PAUSE);
-        }
+    let is_outer = !HAS_PASS.replace(true);
+    // Sequentially consistent, as in `before`: one of the two sees the other.
+    while is_outer && !counted() {
+        thread::sleep(PAUSE);
     }
-    HAS_PASS.set(true);
     Pass {
         is_outer,
         on_one_thread: PhantomData,
     }
+}
+
+/// Counts a thread in, unless a fork is under way.
+fn counted() -> bool {
+    ACTIVE.fetch_add(1, SeqCst);
+    let is_open = !CLOSED.load(SeqCst);
+    if !is_open {
+        ACTIVE.fetch_sub(1, SeqCst);
+    }
+    is_open
 }
 
 impl Drop for Pass {

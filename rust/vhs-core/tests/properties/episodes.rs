@@ -189,7 +189,9 @@ proptest! {
         let folder = scratch("meanwhile");
         let (path, whole) = (folder.join("buffer"), folder.join("whole"));
         let mut pair = Pair::new(2, 14);
-        before.iter().for_each(|call| pair.call(call));
+        for call in &before {
+            pair.call(call);
+        }
         pair.buffer.save(&whole).expect("a writable folder");
         let rng = pair.buffer.rng_mut().clone();
         let saving = pair.buffer.begin_save(&rng).expect("few dimensions");

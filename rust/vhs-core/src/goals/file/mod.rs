@@ -213,7 +213,10 @@ impl Saving {
             .iter()
             .find(|stash| Some(stash.number) == self.stash);
         let kept = stash.and_then(|stash| stash.images.get(&(class, slot)));
-        kept.map_or_else(|| store.rings[class].images.get(slot), |image| image)
+        match kept {
+            Some(image) => image,
+            None => store.rings[class].images.get(slot),
+        }
     }
 }
 
