@@ -262,7 +262,7 @@ def make_buffer(
             neither numbered nor real, or with several interactions and no word of which action does which.
     """
     observation = _as_said(env.observation_space, env.reset()[0])
-    start = int(getattr(env.action_space, "start", 0))
+    start = int(env.action_space.start) if isinstance(env.action_space, spaces.Discrete) else 0
     spec = read_spec(
         env,
         observation,
