@@ -23,6 +23,7 @@ mod episode_buffer;
 mod error;
 mod goals;
 mod hindsight;
+mod interrupt;
 mod prototypes;
 mod raster;
 mod raster_arrays;
@@ -35,12 +36,13 @@ mod returns;
 mod rng;
 #[cfg(target_os = "linux")]
 mod rollout;
+mod shared;
 mod transitions;
 
 /// The compiled half of the Python package `vhs`.
 ///
-/// It asks for the interpreter's lock, also on free-threaded builds: arrays are read where they lie, and only the lock
-/// keeps other threads from writing into them meanwhile.
+/// It needs the interpreter's lock: what a `SAFETY` note says of arrays that other threads leave alone rests on it.
+/// An interpreter without one takes it back when this module is imported, and says so.
 #[pyo3::pymodule(gil_used = true)]
 mod _core {
     #[pymodule_export]
