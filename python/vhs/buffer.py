@@ -5,10 +5,13 @@ from __future__ import annotations
 from os import PathLike
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vhs._core import EpisodeBuffer
 from vhs.task import TaskSpec
 
-__all__ = ["make_buffer"]
+__all__ = ["as_goal", "make_buffer"]
 
 
 def make_buffer(
@@ -58,3 +61,12 @@ def make_buffer(
         seed=seed,
         **(vectors if spec.goals == "vectors" else {}),
     )
+
+
+def as_goal(buffer: EpisodeBuffer, goal: NDArray[Any]) -> NDArray[Any]:
+    """A goal that was told, in the shape that a buffer holds: a frame is repeated to an observation."""
+    if buffer.goals == "observations" and goal.shape == buffer.frame_shape:
+        if buffer.stacking == "channels":
+            return np.concatenate([goal] * buffer.frame_stack, axis=-1)
+        return np.broadcast_to(goal, buffer.goal_shape)
+    return goal

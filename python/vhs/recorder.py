@@ -21,6 +21,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from vhs._core import EpisodeBuffer, LabelError, ProtocolError
+from vhs.actions import stored_action
+from vhs.buffer import as_goal
 from vhs.buffer import make_buffer as buffer_of
 from vhs.streams import EnvReward, copied, reads_infos, streams_of
 from vhs.task import (
@@ -55,8 +57,9 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     that is reset before it has ended is kept as a timeout if it has a step, and dropped otherwise; one in
     which a step raised is dropped.
 
-    Numbered actions are stored, and given back by samplers, as the environment counts them:
-    those of `Discrete(3, start=5)` are 5, 6 and 7.
+    Numbered actions are stored, and given back by samplers, as the environment counts them: those of
+    `Discrete(3, start=5)` are 5, 6 and 7. In a buffer that was not made by `make_buffer` they begin with its
+    `first_action`.
     """
 
     def __init__(
@@ -208,9 +211,8 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             self.buffer.abort(self.stream)
 
     def _action(self, action: Any) -> Any:
-        if self.buffer.action_dim:
-            return np.asarray(action, np.float32).ravel()
-        return int(action)
+        stored = stored_action(action, self.env.action_space)
+        return stored if self.buffer.action_dim else stored + self.buffer.first_action
 
     def _frame(self, seen: Seen) -> NDArray[Any]:
         return _converted(seen.frame, self.buffer.dtype)
@@ -218,12 +220,7 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     def _goal(self, goal: NDArray[Any] | None) -> NDArray[Any] | None:
         if goal is None:
             return None
-        goal = _converted(goal, self.buffer.goal_dtype)
-        if self.buffer.goals == "observations" and goal.shape == self.buffer.frame_shape:
-            if self.buffer.stacking == "channels":
-                return np.concatenate([goal] * self.buffer.frame_stack, axis=-1)
-            return np.broadcast_to(goal, self.buffer.goal_shape)
-        return goal
+        return as_goal(self.buffer, _converted(goal, self.buffer.goal_dtype))
 
 
 def make_buffer(

@@ -18,7 +18,8 @@ from vhs.acting.setup import make_env
 from vhs.acting.stepping import LocalStepping
 from vhs.buffer import make_buffer
 from vhs.errors import CheckpointError
-from vhs.models import FeatureExtractor, GoalAgent
+from vhs.models import Categorical, FeatureExtractor, GoalAgent
+from vhs.task import TaskSpec
 
 FRAME = (16, 16, 3)
 
@@ -65,7 +66,7 @@ def make_episodes(seeds: list[int], streams: int = 3, greedy: bool = False) -> E
     torch.manual_seed(0)
     agent = GoalAgent(
         FeatureExtractor(FRAME, 2, (4, 4, 4, 4), 8),
-        num_actions=5,
+        head=Categorical(5),
         num_interactions=2,
         hidden_dim=12,
         head_dim=10,
@@ -168,7 +169,12 @@ def test_an_environment_that_plays_otherwise_is_refused() -> None:
 def test_chance_plays_without_an_agent() -> None:
     buffer = make_buffer(SPEC, num_streams=2, capacity_steps=100)
     stepping = LocalStepping([make_env(TASK, SPEC) for _ in range(2)])
-    episodes = Episodes(stepping, RandomPlayer(5, np.random.default_rng(0)), buffer, range(40))
+    episodes = Episodes(
+        stepping,
+        RandomPlayer(TaskSpec((1,), num_actions=5, max_episode_steps=1), np.random.default_rng(0)),
+        buffer,
+        range(40),
+    )
     episodes.start()
     ended = play(episodes)
     assert len(ended) == 40

@@ -8,7 +8,7 @@ from vhs import EpisodeBatch, EpisodeBuffer, GoalStore, Outcome, Prototypes, Rng
 from vhs.config import load_config
 from vhs.learning.goals import Goals, PrototypeGoals
 from vhs.learning.learner import Learner
-from vhs.models import FeatureExtractor, GoalAgent
+from vhs.models import Categorical, FeatureExtractor, GoalAgent
 
 FRAME = (16, 16, 3)
 GOALS, INTERACTIONS, DIM = 3, 2, 8
@@ -17,12 +17,19 @@ SUCCESS_REWARD = 9.99
 
 def small_learner(*overrides: str) -> Learner:
     config = load_config(
-        [], ["method.warmup=6", "method.supcon_batch=12", "method.prototype_samples=4", *overrides]
+        [],
+        [
+            "method.warmup=6",
+            "method.supcon_batch=12",
+            "method.prototype_samples=4",
+            "method.relabel_on=[failure]",
+            *overrides,
+        ],
     )
     torch.manual_seed(0)
     agent = GoalAgent(
         FeatureExtractor(FRAME, 2, (4, 4, 4, 4), DIM),
-        num_actions=3 + INTERACTIONS,
+        head=Categorical(3 + INTERACTIONS),
         num_interactions=INTERACTIONS,
         hidden_dim=12,
         head_dim=10,

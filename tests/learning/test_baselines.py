@@ -64,6 +64,14 @@ def run_episode(
     return taken, values[0], -(log_probs[0].exp() * log_probs[0]).sum(-1)
 
 
+def last_value(agent: GoalAgent, features: Tensor, goal: Tensor, batch: EpisodeBatch, episode: int) -> float:
+    """V of the last observation of an episode."""
+    first, steps = int(batch.offsets[episode]), int(batch.lengths[episode])
+    whole = features[first : first + steps + 1].unsqueeze(0)
+    values = agent(whole, goal.unsqueeze(0), torch.from_numpy(batch.interactions[episode : episode + 1]))[1]
+    return float(values[0, -1])
+
+
 @pytest.mark.parametrize("name", METHODS)
 def test_each_method_has_its_terms_alone(name: str) -> None:
     learner = toy_learner(name)
@@ -86,7 +94,9 @@ def test_the_terms_of_a3c_are_those_of_its_episodes_under_their_words() -> None:
             taken, values, entropies = run_episode(
                 agent, features, word, batch, episode, int(batch.interactions[episode])
             )
-            following = 0.0
+            following = (
+                0.0 if batch.terminated[episode] else last_value(agent, features, word, batch, episode)
+            )
             for t in reversed(range(len(taken))):
                 following = 0.1 * float(batch.rewards[episode, t]) + 0.5 * following
                 policy -= float(taken[t]) * (following - float(values[t]))

@@ -5,7 +5,7 @@ import torch
 from torch import Tensor
 
 from vhs.learning.parallel import Replicas
-from vhs.models import FeatureExtractor, GoalAgent
+from vhs.models import Categorical, FeatureExtractor, GoalAgent
 
 
 @pytest.fixture
@@ -13,7 +13,7 @@ def agent() -> GoalAgent:
     torch.manual_seed(0)
     extractor = FeatureExtractor((16, 16, 3), 2, (4, 4, 4, 4), 8)
     return GoalAgent(
-        extractor, num_actions=4, num_interactions=1, hidden_dim=12, head_dim=10, interaction_dim=4
+        extractor, head=Categorical(4), num_interactions=1, hidden_dim=12, head_dim=10, interaction_dim=4
     )
 
 

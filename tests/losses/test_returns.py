@@ -40,3 +40,23 @@ def test_no_gradient_reaches_the_values() -> None:
 def test_tensors_that_do_not_fit_are_refused() -> None:
     with pytest.raises(ShapeError, match="`values`: expected shape"):
         lambda_returns(REWARDS, VALUES[:, :2], VALID, gamma=0.9, mixing=0.5)
+
+
+@pytest.mark.parametrize("mixing", [0.0, 0.6, 1.0])
+def test_what_a_limit_cut_off_is_worth_what_the_critic_says(mixing: float) -> None:
+    rewards = torch.tensor([[1.0, 2.0, 3.0], [1.0, 4.0, 99.0]])
+    values = torch.tensor([[0.5, 0.25, 1.0], [0.5, 2.0, 99.0]])
+    valid = torch.tensor([[1.0, 1.0, 1.0], [1.0, 1.0, 0.0]])
+    beyond = torch.tensor([0.0, 8.0], requires_grad=True)
+    found = lambda_returns(rewards, values, valid, 0.5, mixing, beyond)
+    ended = lambda_returns(rewards, values, valid, 0.5, mixing)
+    assert torch.equal(found[0], ended[0]), "the first episode ended its task"
+    last = 4.0 + 0.5 * 8.0
+    first = 1.0 + 0.5 * ((1 - mixing) * 2.0 + mixing * last)
+    torch.testing.assert_close(found[1], torch.tensor([first, last, 0.0]))
+    assert not found.requires_grad
+
+
+def test_what_lies_beyond_has_one_number_an_episode() -> None:
+    with pytest.raises(ShapeError, match=r"`beyond`: expected shape \[B=2\], found \[3\]"):
+        lambda_returns(*torch.ones(3, 2, 4), 0.5, 1.0, torch.zeros(3))

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from vhs.models import FeatureExtractor, GoalAgent, RecurrentState
+from vhs.models import Categorical, FeatureExtractor, GoalAgent, RecurrentState
 
 
 @pytest.fixture
@@ -12,7 +12,7 @@ def agent() -> GoalAgent:
     torch.manual_seed(0)
     return GoalAgent(
         FeatureExtractor((16, 16, 3), 2, (4, 4, 4, 4), 8),
-        num_actions=6,
+        head=Categorical(6),
         num_interactions=3,
         hidden_dim=12,
         head_dim=10,

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from vhs.models import DiscriminativeAgent, FeatureExtractor, RecurrentState
+from vhs.models import Categorical, DiscriminativeAgent, FeatureExtractor, RecurrentState
 
 
 @pytest.fixture
@@ -13,7 +13,7 @@ def agent() -> DiscriminativeAgent:
     return DiscriminativeAgent(
         FeatureExtractor((16, 16, 3), 2, (4, 4, 4, 4), 8),
         num_goals=3,
-        num_actions=5,
+        head=Categorical(5),
         num_interactions=2,
         hidden_dim=12,
         head_dim=10,

@@ -101,3 +101,26 @@ def test_bfloat16_stays_near_float32(extractor: FeatureExtractor) -> None:
 def test_another_shape_is_refused(extractor: FeatureExtractor, shape: tuple[int, ...]) -> None:
     with pytest.raises(ShapeError, match=r"expected shape \[N, 84, 84, 6\] or \[N, 2, 84, 84, 3\], found"):
         extractor(torch.zeros(shape, dtype=torch.uint8))
+
+
+@pytest.mark.parametrize("channels", [(4,), (4, 6), (4, 4, 4, 4, 4, 4, 4)])
+@pytest.mark.parametrize("frame", [(16, 16, 3), (9, 31, 1), (64, 5, 7)])
+def test_pictures_of_any_size_through_any_number_of_layers(
+    channels: tuple[int, ...], frame: tuple[int, int, int]
+) -> None:
+    torch.manual_seed(0)
+    extractor = FeatureExtractor(frame, 2, channels, 8)
+    height, width, colours = frame
+    pictures = torch.randint(0, 256, (5, height, width, 2 * colours), dtype=torch.uint8)
+    learned = extractor(pictures)
+    assert learned.shape == (5, 8)
+    extractor.eval()
+    with torch.no_grad():
+        acted = extractor(pictures)
+        layers = extractor.convolutions(pictures.permute(0, 3, 1, 2).float() - 128)
+        torch.testing.assert_close(
+            acted,
+            torch.nn.functional.layer_norm(extractor.project(layers.flatten(1)), (8,)),
+            atol=1e-4,
+            rtol=1e-4,
+        )

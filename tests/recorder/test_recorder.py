@@ -244,8 +244,10 @@ def test_spaces_that_no_buffer_can_hold_are_refused() -> None:
     env = Line()
     with pytest.raises(vhs.ArgumentError, match="`max_episode_steps`: expected a number, got None"):
         make_buffer(env, capacity_steps=60)
-    env.action_space = spaces.MultiDiscrete([2, 2])
-    with pytest.raises(vhs.ArgumentError, match="`env`: expected Discrete or Box actions"):
+    env.action_space = spaces.Text(5)
+    with pytest.raises(
+        vhs.ArgumentError, match="`env`: expected Discrete, MultiDiscrete, MultiBinary or Box"
+    ):
         make_buffer(env, capacity_steps=60, max_episode_steps=6)
 
 

@@ -105,6 +105,7 @@ def toy_task(moves: int = 3, interactions: int = 2, **sizes: Any) -> Task:
         max_steps=6,
         interactions=last_actions(moves + interactions, interactions),
         success_reward=9.99,
+        limit_ends=True,
     )
 
 
@@ -122,14 +123,15 @@ def toy_learner(name: str, *overrides: str) -> Learner:
     return make_learner(toy_config(name, *overrides), TOY_SPEC)
 
 
-def play_toy(config: Config, episodes: int) -> float:
-    """Train on the toy environment; the success rate of the last quarter."""
-    learner = make_learner(config, TOY_SPEC)
+def play_toy(config: Config, episodes: int, task: Task = TOY) -> float:
+    """Train on a small environment; the success rate of the last quarter."""
+    spec = task.spec()
+    learner = make_learner(config, spec)
     group = config.train.episodes_per_update
-    buffer = make_buffer(config, TOY_SPEC, STREAMS, STREAMS + group)
+    buffer = make_buffer(config, spec, STREAMS, STREAMS + group)
     generator = torch.Generator().manual_seed(config.seed)
     actor = Actor(learner.agent, STREAMS, dtype=learner.dtype, generator=generator)
-    stepping = LocalStepping([make_env(TOY, TOY_SPEC) for _ in range(STREAMS)])
+    stepping = LocalStepping([make_env(task, spec) for _ in range(STREAMS)])
     player = AgentPlayer(actor, buffer, learner.goals.begin)
     played = Episodes(stepping, player, buffer, episode_seeds(config.seed))
     played.start()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -68,31 +70,30 @@ class Actor:
 
     @torch.inference_mode()
     def act(
-        self, streams: NDArray[np.int64], observations: NDArray[np.uint8]
-    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        self, streams: NDArray[np.int64], observations: NDArray[Any]
+    ) -> tuple[NDArray[Any], NDArray[np.float32]]:
         """Choose an action for each of `streams`.
 
         Args:
             streams: which episodes, int64, shape [n].
-            observations: their newest observations, uint8, as the extractor takes them.
+            observations: their newest observations, as the extractor takes them.
 
         Returns:
-            Actions, int64, shape [n]; the critic's values, float32, shape [n].
+            Actions, int64 [n], or float32 [n, dim]; the critic's values, float32, shape [n].
         """
         self._agent.eval()
         index = torch.from_numpy(streams)
         features = self._agent.extractor(to_device(observations, self._goals.device), self._dtype)
-        log_probs, values, state = self._agent(
+        policy, values, state = self._agent(
             features.unsqueeze(1),
             self._goals[index],
             self._interactions[index],
             RecurrentState(self._hidden[index], self._cell[index]),
         )
         self._hidden[index], self._cell[index] = state.hidden, state.cell
-        chosen = self._choose(log_probs[:, 0].float().cpu())
+        chosen = self._choose(policy[:, 0].float().cpu())
         return chosen.numpy(), values[:, 0].float().cpu().numpy()
 
-    def _choose(self, log_probs: Tensor) -> Tensor:
-        if self._greedy:
-            return log_probs.argmax(-1)
-        return torch.multinomial(log_probs.exp(), 1, generator=self._generator).squeeze(-1)
+    def _choose(self, policy: Tensor) -> Tensor:
+        head = self._agent.head
+        return head.mode(policy) if self._greedy else head.sample(policy, self._generator)

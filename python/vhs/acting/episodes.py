@@ -18,6 +18,10 @@ from torch import Tensor
 from vhs import EpisodeBuffer, Outcome
 from vhs.acting.players import Player
 from vhs.acting.stepping import StepBatch, Stepping
+from vhs.buffer import as_goal
+
+Action = int | list[float]
+"""A number, or the numbers of a continuous action."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +42,8 @@ class EndedEpisode:
     """The embedding it was acted under, shape [feature_dim]; None where no agent acted."""
     reached: int | None = None
     """Goal class that was reached, -1 for none; for evaluation only, None where the task does not say."""
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    """Further numbers that the task says of its end, for evaluation only."""
 
 
 @dataclass(slots=True)
@@ -48,31 +54,32 @@ class Running:
     goal: int
     interaction: int
     goal_embedding: Tensor | None
-    actions: list[int] = field(default_factory=list)
+    actions: list[Action] = field(default_factory=list)
     """Taken and answered; the one under way is not among them."""
     values: list[float] = field(default_factory=list)
     """The critic's, of each of the actions."""
     episode_return: float = 0.0
 
-    def add(self, action: int, value: float, reward: float) -> None:
+    def add(self, action: Action, value: float, reward: float) -> None:
         """Take the answer to an action."""
         self.actions.append(action)
         self.values.append(value)
         self.episode_return += reward
 
-    def ended(self, id: int, stream: int, outcome: Outcome, reached: int | None) -> EndedEpisode:
-        """The same episode at its end, stored in the buffer under `id`."""
+    def ended(self, id: int, stream: int, info: Mapping[str, Any]) -> EndedEpisode:
+        """The same episode at its end, of which `TaskEnv` says `info`, stored in the buffer under `id`."""
         return EndedEpisode(
             id=id,
             stream=stream,
             seed=self.seed,
             goal=self.goal,
             interaction=self.interaction,
-            outcome=outcome,
+            outcome=Outcome(info["outcome"]),
             steps=len(self.actions),
             episode_return=self.episode_return,
             goal_embedding=self.goal_embedding,
-            reached=reached,
+            reached=info.get("reached"),
+            metrics=info.get("metrics", {}),
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -103,7 +110,8 @@ class Episodes:
         # Seeds of the episodes whose first frame is under way.
         self._beginning: dict[int, int] = {}
         # The action under way in each environment, and the critic's value when it was chosen.
-        self._actions = np.zeros(buffer.num_streams, dtype=np.int64)
+        count, dim = buffer.num_streams, buffer.action_dim
+        self._actions: NDArray[Any] = np.zeros((count, dim), np.float32) if dim else np.zeros(count, np.int64)
         self._values = np.zeros(buffer.num_streams, dtype=np.float32)
         self.under_way = 0
         """Commands that are not answered yet."""
@@ -124,9 +132,9 @@ class Episodes:
         """The episodes under way, by stream; those whose first frame is under way are not among them."""
         return self._running
 
-    def chosen(self, stream: int) -> tuple[int, float]:
+    def chosen(self, stream: int) -> tuple[Action, float]:
         """The action under way in a stream, and the critic's value when it was chosen."""
-        return int(self._actions[stream]), float(self._values[stream])
+        return self._actions[stream].tolist(), float(self._values[stream])
 
     def start(self) -> None:
         """Begin an episode in every environment, as far as the seeds go."""
@@ -145,9 +153,11 @@ class Episodes:
         Workers are busy when this returns: what the caller does next overlaps with them.
 
         Returns:
-            The episodes that ended, in the order of their streams.
+            The episodes that ended, in the order of their streams; none where no answer came for a moment.
         """
         batch = self.stepping.recv()
+        if batch is None:
+            return []
         self.under_way -= len(batch.streams)
         self._open(batch)
         self._append(batch)
@@ -208,8 +218,18 @@ class Episodes:
                 self.cut += 1
             self._beginning.pop(stream, None)
             goal, interaction = int(batch.goals[row]), int(batch.interactions[row])
-            embedding = self._player.begin(stream, goal, interaction)
-            self.buffer.begin(stream, batch.frames[row], goal, interaction)
+            desired, achieved = _row(batch.desired_goals, row), _row(batch.achieved_goals, row)
+            if desired is not None:
+                desired = as_goal(self.buffer, desired)
+            embedding = self._player.begin(stream, goal if desired is None else desired, interaction)
+            self.buffer.begin(
+                stream,
+                batch.frames[row],
+                goal,
+                interaction,
+                desired_goal=desired,
+                achieved_goal=achieved,
+            )
             self._running[stream] = Running(batch.seeds[row], goal, interaction, embedding)
 
     def _append(self, batch: StepBatch) -> None:
@@ -219,7 +239,10 @@ class Episodes:
         self.steps += len(rows)
         streams = batch.streams[rows]
         actions, values, rewards = self._actions[streams], self._values[streams], batch.rewards[rows]
-        self.buffer.append_batch(streams, actions, rewards, values, batch.frames[rows])
+        achieved = _row(batch.achieved_goals, rows)
+        self.buffer.append_batch(
+            streams, actions, rewards, values, batch.frames[rows], achieved_goals=achieved
+        )
         steps = zip(streams.tolist(), actions.tolist(), values.tolist(), rewards.tolist(), strict=True)
         for stream, action, value, reward in steps:
             self._running[stream].add(action, value, reward)
@@ -228,4 +251,8 @@ class Episodes:
         stream, info = int(batch.streams[row]), batch.infos[row]
         outcome = Outcome(info["outcome"])
         id = self.buffer.finish(stream, outcome, terminated=bool(batch.terminated[row]))
-        return self._running.pop(stream).ended(id, stream, outcome, info.get("reached"))
+        return self._running.pop(stream).ended(id, stream, info)
+
+
+def _row(goals: NDArray[Any] | None, rows: Any) -> NDArray[Any] | None:
+    return None if goals is None else goals[rows]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,16 +11,19 @@ from torch import Tensor
 
 from vhs import EpisodeBuffer
 from vhs.acting.actor import Actor
+from vhs.learning.goals import Told
+from vhs.task import TaskSpec
 
-Choice = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float32]]
-"""Streams, the action of each and the critic's value when it was chosen, 0 without a critic; all [n]."""
+Choice = tuple[NDArray[np.int64], NDArray[Any], NDArray[np.float32]]
+"""Streams, the action of each, int64 [n] or float32 [n, dim], and the critic's value when it was chosen, 0
+without a critic."""
 
 
 class Player(Protocol):
     """Chooses what is done in every stream."""
 
-    def begin(self, stream: int, goal: int, interaction: int) -> Tensor | None:
-        """Take the instruction of an episode that begins.
+    def begin(self, stream: int, goal: Told, interaction: int) -> Tensor | None:
+        """Take the instruction of an episode that begins: a goal class, a picture or a vector.
 
         Returns:
             The goal embedding that it is acted under, shape [feature_dim], where there is one.
@@ -35,17 +38,17 @@ class Player(Protocol):
 class AgentPlayer:
     """The agent, told each goal as an embedding."""
 
-    def __init__(self, actor: Actor, buffer: EpisodeBuffer, embed_goal: Callable[[int], Tensor]) -> None:
+    def __init__(self, actor: Actor, buffer: EpisodeBuffer, embed_goal: Callable[[Told], Tensor]) -> None:
         """Join the parts.
 
         Args:
             actor: as many streams as `buffer`.
             buffer: has the observations.
-            embed_goal: goal class to goal embedding of shape [feature_dim], called once an episode.
+            embed_goal: what is told to goal embedding of shape [feature_dim], called once an episode.
         """
         self._actor, self._buffer, self._embed_goal = actor, buffer, embed_goal
 
-    def begin(self, stream: int, goal: int, interaction: int) -> Tensor:
+    def begin(self, stream: int, goal: Told, interaction: int) -> Tensor:
         """Embed the goal and forget the stream's last episode."""
         embedding = self._embed_goal(goal)
         self._actor.begin(stream, embedding, interaction)
@@ -60,14 +63,18 @@ class AgentPlayer:
 class RandomPlayer:
     """Uniformly random actions."""
 
-    def __init__(self, num_actions: int, rng: np.random.Generator) -> None:
-        """Draw from `rng`."""
-        self._num_actions, self._rng = num_actions, rng
+    def __init__(self, spec: TaskSpec, rng: np.random.Generator) -> None:
+        """Draw from `rng` what a task can be told to do."""
+        self._spec, self._rng = spec, rng
 
-    def begin(self, stream: int, goal: int, interaction: int) -> None:
+    def begin(self, stream: int, goal: Told, interaction: int) -> None:
         """Instructions do not matter."""
 
     def act(self, streams: NDArray[np.int64]) -> Choice:
         """An action for every stream."""
-        actions = self._rng.integers(self._num_actions, size=len(streams))
-        return streams, actions, np.zeros(len(streams), np.float32)
+        count, dim = len(streams), self._spec.action_dim
+        if dim:
+            actions: NDArray[Any] = self._rng.uniform(-1, 1, (count, dim)).astype(np.float32)
+        else:
+            actions = self._rng.integers(self._spec.num_actions, size=count)
+        return streams, actions, np.zeros(count, np.float32)

@@ -9,6 +9,8 @@ one update). At that moment every episode that has begun is one of
 - running: so many actions answered, the next one chosen and under way in its environment;
 - beginning: its seed given to its environment, the first frame under way.
 
+Where a task says that its episodes cannot be repeated, the last three are dropped instead.
+
 No frames are saved. An environment repeats an episode bit for bit from its seed and its actions, so waiting
 and running episodes are played again, which fills the episode buffer and brings the environments to where
 they were. What they cannot repeat is saved: critic's values, goal embeddings, LSTM states, actions under way.
@@ -33,7 +35,9 @@ from vhs.acting.actor import Actor
 from vhs.acting.episodes import EndedEpisode, Episodes, Running
 from vhs.acting.players import Choice
 from vhs.acting.stepping import Stepping
+from vhs.actions import action_array
 from vhs.errors import CheckpointError
+from vhs.learning.goals import Told
 
 
 def episodes_state(episodes: Episodes, actor: Actor, waiting: Iterable[EndedEpisode]) -> dict[str, Any]:
@@ -82,6 +86,22 @@ def resume_episodes(
     return waiting
 
 
+def drop_episodes(state: Mapping[str, Any], episodes: Episodes) -> int:
+    """Begin new episodes instead, where environments cannot repeat any.
+
+    Args:
+        state: what `episodes_state` gave.
+        episodes: not started.
+
+    Returns:
+        How many are dropped.
+    """
+    saved = state["rollout"]
+    episodes.cut = int(saved["cut"])
+    episodes.start()
+    return len(state["waiting"]) + len(saved["running"]) + len(saved["beginning"])
+
+
 def replay(
     stepping: Stepping, buffer: EpisodeBuffer, episodes: Mapping[int, Running]
 ) -> tuple[Mapping[int, Running], dict[int, EndedEpisode]]:
@@ -98,7 +118,7 @@ def replay(
     Raises:
         CheckpointError: an environment plays an episode otherwise than it was.
     """
-    again = Episodes(stepping, _Script(episodes), buffer)
+    again = Episodes(stepping, _Script(episodes, buffer.action_dim), buffer)
     again.begin({stream: episode.seed for stream, episode in episodes.items()})
     ended: dict[int, EndedEpisode] = {}
     while again.under_way:
@@ -111,11 +131,12 @@ def replay(
 class _Script:
     """Plays episodes as they were played, and rests where they stopped."""
 
-    def __init__(self, episodes: Mapping[int, Running]) -> None:
+    def __init__(self, episodes: Mapping[int, Running], action_dim: int) -> None:
+        self._action_dim = action_dim
         self._episodes = episodes
         self._taken = dict.fromkeys(episodes, 0)
 
-    def begin(self, stream: int, goal: int, interaction: int) -> Tensor | None:
+    def begin(self, stream: int, goal: Told, interaction: int) -> Tensor | None:
         self._taken[stream] = 0
         return self._episodes[stream].goal_embedding
 
@@ -124,7 +145,8 @@ class _Script:
         actions = [self._episodes[s].actions[self._taken[s]] for s in ready]
         values = [self._episodes[s].values[self._taken[s]] for s in ready]
         self._taken |= {stream: self._taken[stream] + 1 for stream in ready}
-        return np.array(ready, np.int64), np.array(actions, np.int64), np.array(values, np.float32)
+        taken = action_array(actions, self._action_dim)
+        return np.array(ready, np.int64), taken, np.array(values, np.float32)
 
 
 def _check(before: Running, now: Running | EndedEpisode) -> None:

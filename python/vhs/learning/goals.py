@@ -2,8 +2,8 @@
 
 One face for whoever acts, learns or looks: an episode is told something and acts under its embedding, what
 an episode reached becomes a goal in hindsight, and images of reached goals feed the losses on them. Here
-goals are classes, named by prototypes of their images or by learned words; whatever else may be told (a
-picture, a vector, a text) is a further implementation of `Goals`.
+goals are classes, named by prototypes of their images or by learned words; `vhs.learning.told` has pictures
+and vectors, which are told as they are.
 """
 
 from __future__ import annotations
@@ -18,9 +18,12 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from vhs import EpisodeBuffer, GoalStore, Prototypes
-from vhs.config import Config, MethodSection
+from vhs import EpisodeBatch, EpisodeBuffer, GoalStore, Prototypes
+from vhs.config import MethodSection
 from vhs.models import GoalAgent, to_device, to_numpy
+
+Told = int | NDArray[Any]
+"""What an episode is told: a goal class, an observation or a vector, as the buffer holds it."""
 
 
 class GoalImages(NamedTuple):
@@ -37,6 +40,11 @@ class Goals(Protocol):
     """Images of reached goals; saved beside the rest of the state, and put back by whoever loads both."""
 
     @property
+    def has_classes(self) -> bool:
+        """Whether goals have classes to tell apart, and so losses on their images a sense."""
+        ...
+
+    @property
     def counts(self) -> NDArray[np.int64]:
         """Images of reached goals of each class, shape [classes]."""
         ...
@@ -46,7 +54,7 @@ class Goals(Protocol):
         """Whether enough images are stored for the losses on them."""
         ...
 
-    def begin(self, told: int) -> Tensor:
+    def begin(self, told: Told) -> Tensor:
         """The embedding of an episode that begins: `embedding`, after everything that is drawn for it.
 
         Returns:
@@ -54,11 +62,11 @@ class Goals(Protocol):
         """
         ...
 
-    def refresh(self, told: int) -> None:
+    def refresh(self, told: Told) -> None:
         """Bring the embedding up to the newest weights and images, where it is made of images when needed."""
         ...
 
-    def embedding(self, told: int) -> Tensor:
+    def embedding(self, told: Told) -> Tensor:
         """What names a goal now; draws nothing and changes nothing.
 
         Returns:
@@ -66,12 +74,12 @@ class Goals(Protocol):
         """
         ...
 
-    def instructed(self, agent: GoalAgent, told: Tensor, acted: Tensor) -> Tensor:
+    def instructed(self, agent: GoalAgent, batch: EpisodeBatch, acted: Tensor) -> Tensor:
         """The goal embeddings under which an update looks at lived episodes.
 
         Args:
             agent: one that learns, whose words get the gradient.
-            told: what each episode was told, int64 [B].
+            batch: the episodes, with what each was told.
             acted: what it acted under, float32 [B, feature_dim].
 
         Returns:
@@ -79,8 +87,31 @@ class Goals(Protocol):
         """
         ...
 
-    def hindsight(self, reached: Tensor) -> Tensor:
-        """The goals of relabelled episodes from their f(o_T), constants, both of shape [R, feature_dim]."""
+    def hindsight(
+        self, agent: GoalAgent, batch: EpisodeBatch, rows: NDArray[np.int64], reached: Tensor
+    ) -> Tensor:
+        """The goals of relabelled episodes.
+
+        Args:
+            agent: one that learns.
+            batch: the episodes.
+            rows: of their packed observations, those that reached the goals, shape [R].
+            reached: f of those, constants, float32 [R, feature_dim].
+
+        Returns:
+            float32 [R, feature_dim].
+        """
+        ...
+
+    def recognise(self, reached: Tensor) -> Tensor | None:
+        """The class of what each f(o_T) shows, as far as the agent can tell.
+
+        Args:
+            reached: float32 [R, feature_dim].
+
+        Returns:
+            int64 [R]; None before the classes can be told apart.
+        """
         ...
 
     def collect(self, buffer: EpisodeBuffer, ids: ArrayLike) -> None:
@@ -132,6 +163,11 @@ class ClassGoals(Goals):
         self._device = agent.gate.weight.device
 
     @property
+    def has_classes(self) -> bool:
+        """Always."""
+        return True
+
+    @property
     def counts(self) -> NDArray[np.int64]:
         """Images stored of each class, shape [classes]."""
         return self.store.counts
@@ -141,14 +177,28 @@ class ClassGoals(Goals):
         """Whether the store holds `method.warmup` images."""
         return len(self.store) >= self._method.warmup
 
+    def recognise(self, reached: Tensor) -> Tensor | None:
+        """The prototype nearest in angle; None without any, and before `is_warm`.
+
+        A class that nothing was reached of yet has no prototype and is never the nearest.
+        """
+        (known,) = np.nonzero(self.prototypes.seen)
+        if not (len(known) and self.is_warm):
+            return None
+        table = to_device(self.prototypes.table[known], self._device)
+        nearest = (reached @ normalize(table, dim=1).T).argmax(dim=1)
+        return to_device(known, self._device)[nearest]
+
     def collect(self, buffer: EpisodeBuffer, ids: ArrayLike) -> None:
-        """Store the last observation of each success under its instructed class."""
-        self.store.collect(buffer, ids)
+        """Store the last observation of each success under its instructed class, if it is a picture."""
+        if buffer.dtype == np.uint8:
+            self.store.collect(buffer, ids)
 
     def batch(self) -> GoalImages | None:
         """`method.supcon_batch` images, balanced over the classes; None before `is_warm`."""
         if not self.is_warm:
             return None
+        assert self._method.supcon_batch is not None, "a configuration that is settled for its task"
         observations, labels = self.store.sample(self._method.supcon_batch, balanced=True)
         return GoalImages(to_device(observations, self._device), to_device(labels, self._device))
 
@@ -179,7 +229,7 @@ class PrototypeGoals(ClassGoals):
         """What names each class until it has a prototype, shape [classes, feature_dim]."""
         return np.zeros_like(self.prototypes.table)
 
-    def begin(self, told: int) -> Tensor:
+    def begin(self, told: Told) -> Tensor:
         """The embedding of an episode of class `told`: its prototype as of now, else fresh noise."""
         if self._method.prototype == "exact":
             self.refresh(told)
@@ -187,35 +237,34 @@ class PrototypeGoals(ClassGoals):
             self._draw_noise(told)
         return self.embedding(told)
 
-    def refresh(self, told: int) -> None:
+    def refresh(self, told: Told) -> None:
         """Draw an exact p^x anew: from stored images, or as noise while there is none."""
         if self._method.prototype == "exact":
             if self.store.counts[told]:
-                self._embed_images(told)
+                self._embed_images(int(told))
             self._draw_noise(told)
 
-    def embedding(self, told: int) -> Tensor:
+    def embedding(self, told: Told) -> Tensor:
         """p^x; of a class without one, the noise that its last episode began with, zeros before the first."""
         vectors = self.prototypes.table if self.prototypes.seen[told] else self._noise
         return to_device(vectors[told].copy(), self._device)
 
-    def instructed(self, agent: GoalAgent, told: Tensor, acted: Tensor) -> Tensor:
+    def instructed(self, agent: GoalAgent, batch: EpisodeBatch, acted: Tensor) -> Tensor:
         """What the episodes acted under: prototypes are constants in every loss."""
         return acted
 
-    def hindsight(self, reached: Tensor) -> Tensor:
+    def hindsight(
+        self, agent: GoalAgent, batch: EpisodeBatch, rows: NDArray[np.int64], reached: Tensor
+    ) -> Tensor:
         """The prototype nearest in angle to each f(o_T), or f(o_T) itself, as `method.hindsight_goal` says.
 
-        Without a prototype of every class, and before goals can be told apart, it is f(o_T).
+        Without any prototype, and before goals can be told apart, it is f(o_T). A class that nothing was
+        reached of yet has no prototype and names nothing.
         """
-        can_name = self.prototypes.seen.all() and self.is_warm
-        if self._method.hindsight_goal == "feature" or not can_name:
-            return reached
-        table = to_device(self.prototypes.table, self._device)
-        nearest = (reached @ normalize(table, dim=1).T).argmax(dim=1)
-        return table[nearest]
+        nearest = None if self._method.hindsight_goal == "feature" else self.recognise(reached)
+        return reached if nearest is None else to_device(self.prototypes.table, self._device)[nearest]
 
-    def _draw_noise(self, told: int) -> None:
+    def _draw_noise(self, told: Told) -> None:
         """A fresh N(0, 1) vector for a class without a prototype."""
         if not self.prototypes.seen[told]:
             self._noise[told] = self.prototypes.embed(np.array([told], dtype=np.int64))[0]
@@ -232,23 +281,25 @@ class PrototypeGoals(ClassGoals):
 class WordGoals(ClassGoals):
     """Classes that are named by learned words of the agent; their images and prototypes tell no policy."""
 
-    def begin(self, told: int) -> Tensor:
+    def begin(self, told: Told) -> Tensor:
         """The word as it is now."""
         return self.embedding(told)
 
-    def refresh(self, told: int) -> None:
+    def refresh(self, told: Told) -> None:
         """A word is always up to date."""
 
-    def embedding(self, told: int) -> Tensor:
+    def embedding(self, told: Told) -> Tensor:
         """A copy of the word, without a gradient."""
         return _words(self._agent).weight[told].detach().clone()
 
-    def instructed(self, agent: GoalAgent, told: Tensor, acted: Tensor) -> Tensor:
+    def instructed(self, agent: GoalAgent, batch: EpisodeBatch, acted: Tensor) -> Tensor:
         """The words as `agent` has them, looked up anew so that they learn."""
-        found: Tensor = _words(agent)(told)
+        found: Tensor = _words(agent)(to_device(batch.goals, acted.device))
         return found
 
-    def hindsight(self, reached: Tensor) -> Tensor:
+    def hindsight(
+        self, agent: GoalAgent, batch: EpisodeBatch, rows: NDArray[np.int64], reached: Tensor
+    ) -> Tensor:
         """f(o_T): no word says what was reached by mistake."""
         return reached
 
@@ -256,17 +307,3 @@ class WordGoals(ClassGoals):
 def _words(agent: GoalAgent) -> torch.nn.Embedding:
     assert agent.words is not None, "an agent that was built with words"
     return agent.words
-
-
-def make_goals(config: Config, agent: GoalAgent, num_goals: int, dtype: torch.dtype) -> ClassGoals:
-    """The goals of a run before its first episode: `num_goals` classes, named to `agent`."""
-    method = config.method
-    momentum = method.prototype_momentum if method.prototype == "running" else 0.0
-    kind = WordGoals if method.embedding == "word" else PrototypeGoals
-    return kind(
-        agent,
-        GoalStore(num_goals, agent.extractor.observation_shape, method.goal_capacity, seed=config.seed),
-        Prototypes(num_goals, config.model.feature_dim, momentum=momentum, seed=config.seed),
-        method,
-        dtype,
-    )

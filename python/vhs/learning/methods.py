@@ -42,7 +42,7 @@ class Method(NamedTuple):
 
 _A3C = ("policy", "value", "entropy")
 _PG = (*_A3C, "supcon")
-_VHS = (*_PG, "imitation_policy", "imitation_value")
+_VHS = (*_PG, "imitation_policy", "imitation_value", "localise")
 
 METHODS: dict[str, Method] = {
     "a3c": Method(_A3C, fixed={"embedding": "word"}),
@@ -77,6 +77,12 @@ def check_method(name: str, section: Mapping[str, Any]) -> None:
         ValueError: another value of what is fixed, words with relabelling, nothing to learn from.
     """
     method = METHODS[name]
+    inside, outside = section["localisation_in_view_deg"], section["localisation_out_of_view_deg"]
+    if inside > outside:
+        raise ValueError(
+            "method.localisation_in_view_deg: expected at most method.localisation_out_of_view_deg = "
+            f"{outside}, found {inside}"
+        )
     for key, value in method.fixed.items():
         if section[key] != value:
             raise ValueError(f"method.{key}: expected {value} for method.name = {name}, found {section[key]}")
@@ -91,7 +97,7 @@ def check_method(name: str, section: Mapping[str, Any]) -> None:
     alone = f"for method.name = {name}, which learns from relabelled episodes alone"
     if probability == 0:
         raise ValueError(f"method.relabel_probability: expected above 0 {alone}, found {probability}")
-    if not section["relabel_on"]:
+    if section["relabel_on"] == ():
         raise ValueError(f"method.relabel_on: expected an outcome {alone}, found none")
     if section["vhs_weight"] == 0:
         raise ValueError(f"method.vhs_weight: expected above 0 {alone}, found {section['vhs_weight']}")

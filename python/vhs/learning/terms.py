@@ -6,6 +6,7 @@ A term has its name in the log (``loss/policy``). `vhs.learning.methods` says wh
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,29 +25,45 @@ from vhs.losses import (
     goal_discrimination_loss,
     hindsight_imitation_loss,
     lambda_returns,
+    localisation_loss,
     supcon_loss,
 )
-from vhs.models import DiscriminativeAgent, GoalAgent, to_device
+from vhs.models import ActionHead, DiscriminativeAgent, GoalAgent, to_device
 
-Over = Literal["lived", "relabelled", "images"]
-"""What a term is over: episodes as they were lived, relabelled ones, goal images."""
+Over = Literal["lived", "relabelled", "images", "reached"]
+"""What a term is over: episodes as lived, relabelled ones, goal images, views of what was reached."""
 
 _Found = TypeVar("_Found")
 
 
-class Episodes(NamedTuple):
+@dataclass(frozen=True)
+class Episodes:
     """What the agent makes of B episodes of up to T steps, under one goal each, and what they did."""
 
     rows: NDArray[np.int64]
     """Which episodes of the batch, shape [B]."""
-    log_probs: Tensor
-    """log pi in nats, shape [B, T, actions]."""
+    head: ActionHead
+    policy: Tensor
+    """pi, as parameters of `head`, shape [B, T, head.size]."""
     values: Tensor
     """V, shape [B, T]."""
     actions: Tensor
-    """Taken, int64 [B, T]."""
+    """Taken, int64 [B, T], or float32 [B, T, dim]."""
     valid: Tensor
     """1 inside the episode, 0 after its end, shape [B, T]."""
+    beyond: Tensor | None = None
+    """V of the last observation of each episode that a limit cut off, 0 of one that ended, shape [B]; None
+    where all ended."""
+
+    @cached_property
+    def taken(self) -> Tensor:
+        """The actions' log pi, in nats, shape [B, T]."""
+        return self.head.log_prob(self.policy, self.actions)
+
+    @cached_property
+    def entropy(self) -> Tensor:
+        """Of pi, in nats, shape [B, T]."""
+        return self.head.entropy(self.policy)
 
 
 class Images(NamedTuple):
@@ -54,6 +71,19 @@ class Images(NamedTuple):
 
     features: Tensor
     labels: Tensor
+
+
+class Reached(NamedTuple):
+    """R episodes that reached something, of up to T steps, and where it lay."""
+
+    features: Tensor
+    """f(o), shape [R, T, feature_dim]."""
+    labels: Tensor
+    """Class of what was reached, int64 [R]."""
+    bearings_rad: Tensor
+    """Where it lay by dead reckoning, 0 straight ahead, shape [R, T]."""
+    valid: Tensor
+    """1 inside the episode, 0 after its end, shape [R, T]."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +98,8 @@ class Forward:
     """Some episodes again, under what they reached; None also where nothing was relabelled."""
     images: Images | None
     """None also until the store is warm."""
+    reached: Reached | None
+    """None also where no episode reached anything whose class is known."""
     method: MethodSection
     train: TrainSection
     success_reward: float
@@ -88,8 +120,9 @@ class Forward:
             lived.valid,
             self.train.gamma,
             self.train.return_lambda,
+            lived.beyond,
         )
-        return actor_critic_loss(lived.log_probs, lived.actions, lived.values, returns, lived.valid)
+        return actor_critic_loss(lived.taken, lived.entropy, lived.values, returns, lived.valid)
 
     @cached_property
     def imitation(self) -> ImitationTerms:
@@ -103,8 +136,7 @@ class Forward:
             gamma=self.train.gamma,
         )
         return hindsight_imitation_loss(
-            relabelled.log_probs,
-            relabelled.actions,
+            relabelled.taken,
             relabelled.values,
             self.tensor(targets[relabelled.rows]),
             relabelled.valid,
@@ -123,8 +155,8 @@ class Term(NamedTuple):
     loss: Callable[[Forward], Tensor]
     """Unweighted, as it is logged; shape []."""
     over: Over
-    """The part of the pass that it reads, which is there when `loss` is called. Without relabelled episodes
-    the term is 0; without images there is none yet."""
+    """The part of the pass that it reads, which is there when `loss` is called. Where nothing was relabelled
+    or reached the term is 0; without images there is none yet."""
     weight: str | float = 1.0
     """A number, or a key of the configuration, which moves to ``<key>_end`` over training if there is one."""
     sign: Literal[1, -1] = 1
@@ -165,6 +197,19 @@ def _discriminator(x: Forward) -> Tensor:
     return goal_discrimination_loss(x.agent.discriminate(images.features), images.labels)
 
 
+def _localise(x: Forward) -> Tensor:
+    reached, method = _there(x.reached), x.method
+    return localisation_loss(
+        x.agent.see(reached.features),
+        reached.labels,
+        reached.bearings_rad,
+        reached.valid,
+        x.steps,
+        math.radians(method.localisation_in_view_deg),
+        math.radians(method.localisation_out_of_view_deg),
+    )
+
+
 def _there(part: _Found | None) -> _Found:
     assert part is not None, "a term reads another part than it says"
     return part
@@ -176,6 +221,7 @@ TERMS: dict[str, Term] = {
     "entropy": Term(lambda x: x.actor_critic.entropy, "lived", "train.entropy_weight", sign=-1),
     "imitation_policy": Term(lambda x: x.imitation.policy, "relabelled", "method.vhs_weight"),
     "imitation_value": Term(lambda x: x.imitation.value, "relabelled", "method.vhs_weight"),
+    "localise": Term(_localise, "reached", "method.localisation_weight"),
     "supcon": Term(_supcon, "images", "method.supcon_weight"),
     "discriminator": Term(_discriminator, "images", "method.discriminator_weight"),
 }

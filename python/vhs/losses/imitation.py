@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from vhs.losses.shapes import check_shape, log_prob_of
+from vhs.losses.shapes import check_shape
 
 
 class ImitationTerms(NamedTuple):
@@ -17,8 +17,7 @@ class ImitationTerms(NamedTuple):
 
 
 def hindsight_imitation_loss(
-    log_probs: Tensor,
-    actions: Tensor,
+    taken: Tensor,
     values: Tensor,
     value_targets: Tensor,
     valid: Tensor,
@@ -28,8 +27,7 @@ def hindsight_imitation_loss(
     """Imitate the actions and values of episodes under the goal that they reached.
 
     Args:
-        log_probs: log pi(. | o_i, f(o_T), a_T) in nats, shape [B, T, A].
-        actions: a_i, int64, shape [B, T].
+        taken: log pi(a_i | o_i, f(o_T), a_T) of what was done, in nats, shape [B, T].
         values: V(o_i | f(o_T), a_T), shape [B, T].
         value_targets: v_i, shape [B, T]; a constant.
         valid: 1 inside the episode, 0 after its end, shape [B, T].
@@ -44,16 +42,8 @@ def hindsight_imitation_loss(
     Raises:
         ShapeError: the tensors do not fit together.
     """
-    check_shape("B T A", log_probs=log_probs)
-    check_shape(
-        "B T",
-        log_probs=log_probs[..., 0],
-        actions=actions,
-        values=values,
-        value_targets=value_targets,
-        valid=valid,
-    )
-    taken = log_prob_of(log_probs, actions, valid)
+    check_shape("B T", taken=taken, values=values, value_targets=value_targets, valid=valid)
+    taken = taken.masked_fill(valid == 0, 0.0)  # after the end stands anything, impossible actions too
     error = values - value_targets.detach()
     count = steps.clamp(min=1)
     remaining = (valid.sum(dim=1, keepdim=True) - valid.cumsum(dim=1)).clamp(min=0)

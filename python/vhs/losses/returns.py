@@ -8,8 +8,15 @@ from torch import Tensor
 from vhs.losses.shapes import check_shape
 
 
-def lambda_returns(rewards: Tensor, values: Tensor, valid: Tensor, gamma: float, mixing: float) -> Tensor:
-    """R_t = r_t + gamma ((1 - lambda) V_{t+1} + lambda R_{t+1}); nothing follows the end of an episode.
+def lambda_returns(
+    rewards: Tensor,
+    values: Tensor,
+    valid: Tensor,
+    gamma: float,
+    mixing: float,
+    beyond: Tensor | None = None,
+) -> Tensor:
+    """R_t = r_t + gamma ((1 - lambda) V_{t+1} + lambda R_{t+1}); nothing follows the end of a task.
 
     With lambda = 1 these are the Monte-Carlo returns of paper section 3.1, with 0 one-step targets. R_t - V_t
     is the generalised advantage of Schulman et al. 2016.
@@ -20,6 +27,8 @@ def lambda_returns(rewards: Tensor, values: Tensor, valid: Tensor, gamma: float,
         valid: 1 inside the episode, 0 after its end, shape [B, T].
         gamma: discount a step, in 0..=1.
         mixing: lambda, in 0..=1.
+        beyond: V(o_T) of each episode that a limit cut off, 0 of one that ended, shape [B]; a constant. None:
+            all ended.
 
     Returns:
         R_t, a constant, 0 after the end of each episode, shape [B, T].
@@ -30,6 +39,11 @@ def lambda_returns(rewards: Tensor, values: Tensor, valid: Tensor, gamma: float,
     check_shape("B T", rewards=rewards, values=values, valid=valid)
     values = values.detach() * valid
     rewards = rewards * valid
+    if beyond is not None:
+        check_shape("B", valid=valid[:, 0], beyond=beyond)
+        # V and R after the last step are the same, so it counts as if it were paid.
+        is_last = valid - torch.cat([valid[:, 1:], torch.zeros_like(valid[:, :1])], 1)
+        rewards = rewards + gamma * beyond.detach().unsqueeze(1) * is_last
     found = torch.zeros_like(values)
     following = next_value = values.new_zeros(len(values))
     for step in reversed(range(values.shape[1])):

@@ -27,18 +27,3 @@ def check_shape(spec: str, **tensors: Tensor) -> None:
             sizes.setdefault(axis, size) != size for axis, size in zip(axes, found, strict=True)
         ):
             raise ShapeError(f"`{name}`: expected shape {expected}, found {found}")
-
-
-def log_prob_of(log_probs: Tensor, actions: Tensor, valid: Tensor) -> Tensor:
-    """The log-probability of each action inside its episode, and 0 after the end, where any action may stand.
-
-    Args:
-        log_probs: in nats, shape [B, T, A].
-        actions: int64, shape [B, T].
-        valid: 1 inside the episode, 0 after its end, shape [B, T].
-
-    Returns:
-        Shape [B, T].
-    """
-    taken = log_probs.gather(-1, actions.unsqueeze(-1)).squeeze(-1)
-    return taken.masked_fill(valid == 0, 0.0)

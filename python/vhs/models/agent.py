@@ -11,8 +11,10 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import layer_norm
 
-from vhs.models.extractor import FeatureExtractor
+from vhs.models.extractor import Extractor
+from vhs.models.heads import ActionHead
 
 
 class RecurrentState(NamedTuple):
@@ -27,27 +29,45 @@ class GoalAgent(nn.Module):
 
     def __init__(
         self,
-        extractor: FeatureExtractor,
+        extractor: Extractor,
         *,
-        num_actions: int,
+        head: ActionHead,
         num_interactions: int,
         hidden_dim: int,
         head_dim: int,
         interaction_dim: int,
         num_words: int = 0,
+        num_sights: int = 0,
+        goal_dim: int = 0,
     ) -> None:
-        """Build the layers behind `extractor`, and learned names for `num_words` goal classes."""
+        """Build the layers behind `extractor`.
+
+        Args:
+            extractor: f.
+            head: What actions are.
+            num_interactions: Interactions that can be instructed, at least 1.
+            hidden_dim: Of the LSTM.
+            head_dim: Hidden layer of each head, and of what embeds goal vectors.
+            interaction_dim: Of an interaction's embedding.
+            num_words: Goal classes with a learned name; 0 where classes are named otherwise.
+            num_sights: Goal classes that `see` tells from a view; 0: no such head.
+            goal_dim: Numbers in a goal vector; 0 where goals are no vectors.
+        """
         super().__init__()
-        feature_dim = extractor.project.out_features
+        feature_dim = extractor.feature_dim
         self.hidden_dim = hidden_dim
         self.extractor = extractor
         self.gate = nn.Linear(feature_dim, feature_dim)
         self.interaction = nn.Embedding(num_interactions, interaction_dim)
         self.lstm = nn.LSTM(2 * feature_dim + interaction_dim, hidden_dim, batch_first=True)
-        self.policy = _head(hidden_dim + interaction_dim, head_dim, num_actions)
+        self.head = head
+        self.policy = _head(hidden_dim + interaction_dim, head_dim, head.size)
         self.value = _head(hidden_dim + interaction_dim, head_dim, 1)
         # N(0, 1), the scale of features and of the vectors of empty classes.
         self.words = nn.Embedding(num_words, feature_dim) if num_words else None
+        self.vectors = _perceptron(goal_dim, head_dim, feature_dim) if goal_dim else None
+        # Last: the weights before it are the same with and without it.
+        self.sight = _head(feature_dim, head_dim, num_sights) if num_sights else None
 
     def initial_state(self, batch: int) -> RecurrentState:
         """The state at the start of an episode: zeros, shape [batch, hidden_dim]."""
@@ -66,7 +86,8 @@ class GoalAgent(nn.Module):
             state: state before the first step; zeros when None.
 
         Returns:
-            log pi in nats, shape [B, T, A]; V, shape [B, T]; the state after the last step.
+            pi, as parameters of `head`, shape [B, T, head.size]; V, shape [B, T]; the state after the last
+            step.
         """
         steps = features.shape[1]
         gate = torch.sigmoid(self.gate(goals)).unsqueeze(1)
@@ -75,9 +96,21 @@ class GoalAgent(nn.Module):
         inputs = torch.cat([gated, gate.expand(-1, steps, -1), kind], dim=-1)
         hidden, last = self._remember(inputs, state)
         joined = torch.cat([self._attend(features, gated, hidden), kind], dim=-1)
-        log_probs = self.policy(joined).log_softmax(-1)
+        policy = self.head.parameters(self.policy(joined))
         values = self.value(joined).squeeze(-1)
-        return log_probs, values, last
+        return policy, values, last
+
+    def embed_vectors(self, goals: Tensor) -> Tensor:
+        """Goal vectors, float32 [n, goal_dim], as goal embeddings at the scale of features."""
+        assert self.vectors is not None, "an agent that was built with goal vectors"
+        found: Tensor = self.vectors(goals)
+        return layer_norm(found, found.shape[1:])
+
+    def see(self, features: Tensor) -> Tensor:
+        """Unnormalised log-odds that each goal class is in view, shape [..., num_sights], from f(o)."""
+        assert self.sight is not None, "an agent that was built to see"
+        logits: Tensor = self.sight(features)
+        return logits
 
     def _attend(self, features: Tensor, gated: Tensor, hidden: Tensor) -> Tensor:
         """What the heads read of a step, shape [B, T, hidden_dim]: here the LSTM's hidden state."""
@@ -100,3 +133,7 @@ def _head(inputs: int, hidden: int, outputs: int) -> nn.Sequential:
     nn.init.orthogonal_(last.weight, 0.01)
     nn.init.zeros_(last.bias)
     return nn.Sequential(nn.Linear(inputs, hidden), nn.ReLU(), last)
+
+
+def _perceptron(inputs: int, hidden: int, outputs: int) -> nn.Sequential:
+    return nn.Sequential(nn.Linear(inputs, hidden), nn.ReLU(), nn.Linear(hidden, outputs))

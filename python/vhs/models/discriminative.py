@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from vhs.models.agent import GoalAgent
-from vhs.models.extractor import FeatureExtractor
+from vhs.models.extractor import Extractor
 
 
 class DiscriminativeAgent(GoalAgent):
@@ -21,12 +21,10 @@ class DiscriminativeAgent(GoalAgent):
     Actor and critic read the query as a constant: the discriminator is trained by its own loss alone.
     """
 
-    def __init__(
-        self, extractor: FeatureExtractor, *, num_goals: int, hidden_dim: int, **kwargs: Any
-    ) -> None:
+    def __init__(self, extractor: Extractor, *, num_goals: int, hidden_dim: int, **kwargs: Any) -> None:
         """Build the layers behind `extractor` for `num_goals` classes; `kwargs` as for `GoalAgent`."""
         super().__init__(extractor, hidden_dim=hidden_dim, **kwargs)
-        feature_dim = extractor.project.out_features
+        feature_dim = extractor.feature_dim
         self.recognise = nn.Sequential(nn.Linear(feature_dim, hidden_dim), nn.ReLU())
         self.classify = nn.Linear(hidden_dim, num_goals)
         self.memory = nn.Sequential(nn.Linear(feature_dim + hidden_dim, 2 * hidden_dim), nn.ReLU())

@@ -6,7 +6,8 @@ docs/paper-notes.md says why f(o_T) and the prototypes agree all the same.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor, nn
@@ -14,9 +15,29 @@ from torch.nn.functional import conv2d, layer_norm
 
 from vhs._core import ShapeError
 
+ExtractorFactory = Callable[[tuple[int, ...], int], nn.Module]
+"""(observation_shape, feature_dim) -> a module that makes features, float [N, feature_dim], of observations,
+[N, *observation_shape] as the buffer holds them: of pictures [height, width, stack * colours]."""
 
-class FeatureExtractor(nn.Module):
-    """Four convolutions (kernel 3, stride 2, padding 1) with batch norm and ReLU, then a linear layer.
+
+class Extractor(nn.Module):
+    """f: observations as a buffer holds them to features of one scale."""
+
+    observation_shape: tuple[int, ...]
+    """Of one observation."""
+    feature_dim: int
+    """Numbers in f(o)."""
+
+    def forward(self, observations: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
+        """Embed observations, [N, *observation_shape], as float32 [N, feature_dim].
+
+        `dtype` is the type in which it may multiply; bfloat16 or float32.
+        """
+        raise NotImplementedError
+
+
+class FeatureExtractor(Extractor):
+    """Convolutions (kernel 3, stride 2, padding 1) with batch norm and ReLU, then a linear layer.
 
     Pixels go in as integers in -128..127: bfloat16 holds them exactly, and the batch norm behind the first
     convolution makes f blind to their scale, so dividing would only cost time. Centring them matters: with
@@ -30,10 +51,11 @@ class FeatureExtractor(nn.Module):
     def __init__(
         self, frame_shape: Sequence[int], frame_stack: int, channels: Sequence[int], feature_dim: int
     ) -> None:
-        """Build the layers for frames of `frame_shape` = (height, width, colours)."""
+        """Build a convolution an entry of `channels` for frames of (height, width, colours)."""
         super().__init__()
         height, width, colours = frame_shape
         self.observation_shape = (height, width, frame_stack * colours)
+        self.feature_dim = feature_dim
         self._stack_shape = (frame_stack, height, width, colours)
         layers: list[nn.Module] = []
         inputs = frame_stack * colours
@@ -100,6 +122,72 @@ class FeatureExtractor(nn.Module):
         """Every convolution with the batch norm behind it."""
         layers = list(self.convolutions)
         return list(zip(layers[0::3], layers[1::3], strict=True))  # type: ignore[arg-type]
+
+
+class VectorExtractor(Extractor):
+    """Of frames that are vectors: numbers at unit scale by batch norm, then a perceptron."""
+
+    def __init__(
+        self, frame_shape: Sequence[int], frame_stack: int, hidden_dim: int, feature_dim: int
+    ) -> None:
+        """Build the layers for `frame_stack` frames of `frame_shape`."""
+        super().__init__()
+        self.observation_shape = (frame_stack, *frame_shape)
+        self.feature_dim = feature_dim
+        self.norm = nn.BatchNorm1d(math.prod(self.observation_shape), affine=False)
+        self.layers = nn.Sequential(
+            nn.Linear(self.norm.num_features, hidden_dim), nn.ReLU(), nn.Linear(hidden_dim, feature_dim)
+        )
+
+    def forward(self, observations: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
+        """Embed observations, [N, stack, *frame_shape]; always multiplied in float32."""
+        _check_observations(observations, self.observation_shape)
+        features: Tensor = self.layers(self.norm(observations.flatten(1).float()))
+        return layer_norm(features, features.shape[1:])
+
+
+class OwnExtractor(Extractor):
+    """A network of the user's, its features brought to the scale of all goals and features."""
+
+    def __init__(self, factory: ExtractorFactory, observation_shape: Sequence[int], feature_dim: int) -> None:
+        """Build it.
+
+        Raises:
+            ShapeError: it is no module, or its features are of another shape.
+        """
+        super().__init__()
+        self.observation_shape = tuple(observation_shape)
+        self.feature_dim = feature_dim
+        self.network = factory(self.observation_shape, feature_dim)
+        if not isinstance(self.network, nn.Module):
+            raise ShapeError(f"`extractor`: expected a torch.nn.Module, found {type(self.network).__name__}")
+
+    def check(self, dtype: torch.dtype) -> None:
+        """Embed two empty observations of a type.
+
+        Raises:
+            ShapeError: the features are of another shape.
+        """
+        self.eval()
+        with torch.no_grad():
+            self(torch.zeros(2, *self.observation_shape, dtype=dtype))
+        self.train()
+
+    def forward(self, observations: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
+        """Embed observations; what the network multiplies may be cast to `dtype`."""
+        _check_observations(observations, self.observation_shape)
+        with torch.autocast(observations.device.type, dtype=torch.bfloat16, enabled=dtype == torch.bfloat16):
+            features: Tensor = self.network(observations)
+        if features.shape != (len(observations), self.feature_dim):
+            expected, found = [len(observations), self.feature_dim], list(features.shape)
+            raise ShapeError(f"`extractor`: expected features of shape {expected}, found {found}")
+        return layer_norm(features.float(), features.shape[1:])
+
+
+def _check_observations(observations: Tensor, shape: tuple[int, ...]) -> None:
+    if observations.shape[1:] != shape:
+        wanted, found = ", ".join(map(str, shape)), list(observations.shape)
+        raise ShapeError(f"`observations`: expected shape [N, {wanted}], found {found}")
 
 
 def _fold(convolution: nn.Conv2d, norm: nn.BatchNorm2d) -> tuple[Tensor, Tensor]:

@@ -14,6 +14,7 @@ from vhs.acting.players import Choice
 from vhs.acting.setup import make_buffer, make_env
 from vhs.acting.stepping import LocalStepping
 from vhs.config import Config
+from vhs.learning.goals import Told
 from vhs.play.film import LAST_FRAME_S
 from vhs.play.window import Window
 from vhs.show.moments import Moment, Onlooker
@@ -66,7 +67,7 @@ class Person:
         """Of the episodes that ended."""
         self._keyed: int | None = None
         spec = task.spec()
-        env = make_env(task, spec, render_mode="rgb_array")
+        env = make_env(task, spec, rendering=True)
         stepping = LocalStepping([env])
         self._episodes = Episodes(stepping, self, make_buffer(config, spec, 1, 1), seeds)
         self._onlooker = Onlooker(task, spec, env, stepping)
@@ -77,7 +78,7 @@ class Person:
         self._episodes.start()
         self._go_on()
 
-    def begin(self, stream: int, goal: int, interaction: int) -> None:
+    def begin(self, stream: int, goal: Told, interaction: int) -> None:
         """The window tells the instruction."""
 
     def act(self, streams: NDArray[np.int64]) -> Choice:

@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 from vhs import Rng
-from vhs.acting.setup import convolution_dtype
+from vhs.acting.setup import convolution_dtype, settled
 from vhs.config import Config
-from vhs.learning.goals import make_goals
 from vhs.learning.learner import Learner
-from vhs.models import make_agent
+from vhs.learning.reckoning import make_reckoning
+from vhs.learning.told import make_goals
+from vhs.models import ExtractorFactory, make_agent
 from vhs.task import TaskSpec
 
 
-def make_learner(config: Config, spec: TaskSpec) -> Learner:
-    """The learner at its beginning, before any episode."""
-    agent, dtype = make_agent(config, spec), convolution_dtype(config)
+def make_learner(config: Config, spec: TaskSpec, extractor: ExtractorFactory | None = None) -> Learner:
+    """The learner at its beginning, before any episode; `extractor` as for `make_agent`."""
+    config = settled(config, spec)
+    agent, dtype = make_agent(config, spec, extractor), convolution_dtype(config)
     return Learner(
         agent,
-        make_goals(config, agent, spec.num_goals, dtype),
+        make_goals(config, agent, spec, dtype),
         method=config.method,
         train=config.train,
         success_reward=spec.success_reward or 0.0,
         dtype=dtype,
         rng=Rng(config.seed),
+        reckoning=make_reckoning(config.method, spec),
     )

@@ -18,6 +18,7 @@ macro_rules! stub {
 mod arrays;
 mod batch;
 mod bytes;
+mod egomotion;
 mod episode_buffer;
 mod error;
 mod goals;
@@ -25,7 +26,11 @@ mod hindsight;
 mod interrupt;
 mod prototypes;
 mod raster;
+mod raster_arrays;
 mod raster_feed;
+mod raster_records;
+mod raster_scene;
+mod raster_source;
 mod relabel;
 mod returns;
 mod rng;
@@ -36,12 +41,14 @@ mod transitions;
 
 /// The compiled half of the Python package `vhs`.
 ///
-/// It needs the interpreter's lock: what a `SAFETY` note says of arrays that other threads leave alone rests on it.
-/// An interpreter without one takes it back when this module is imported, and says so.
+/// It asks for the interpreter's lock, also on free-threaded builds: arrays are read where they lie, and only the lock
+/// keeps other threads from writing into them meanwhile.
 #[pyo3::pymodule(gil_used = true)]
 mod _core {
     #[pymodule_export]
     use crate::batch::{EpisodeBatch, Hindsight};
+    #[pymodule_export]
+    use crate::egomotion::egomotion;
     #[pymodule_export]
     use crate::episode_buffer::EpisodeBuffer;
     #[pymodule_export]
@@ -51,7 +58,11 @@ mod _core {
     #[pymodule_export]
     use crate::prototypes::Prototypes;
     #[pymodule_export]
-    use crate::raster::{RasterCanvas, RasterScene};
+    use crate::raster::RasterCanvas;
+    #[pymodule_export]
+    use crate::raster_scene::RasterScene;
+    #[pymodule_export]
+    use crate::raster_source::RasterSource;
     #[pymodule_export]
     use crate::relabel::relabel;
     #[pymodule_export]
