@@ -57,8 +57,9 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
     that is reset before it has ended is kept as a timeout if it has a step, and dropped otherwise; one in
     which a step raised is dropped.
 
-    Numbered actions are stored, and given back by samplers, as the environment counts them:
-    those of `Discrete(3, start=5)` are 5, 6 and 7.
+    Numbered actions are stored, and given back by samplers, as the environment counts them: those of
+    `Discrete(3, start=5)` are 5, 6 and 7. In a buffer that was not made by `make_buffer` they begin with its
+    `first_action`.
     """
 
     def __init__(
@@ -210,9 +211,8 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             self.buffer.abort(self.stream)
 
     def _action(self, action: Any) -> Any:
-        """As the buffer stores it: a number as the environment counts it."""
-        space = self.env.action_space
-        return int(action) if isinstance(space, spaces.Discrete) else stored_action(action, space)
+        stored = stored_action(action, self.env.action_space)
+        return stored if self.buffer.action_dim else stored + self.buffer.first_action
 
     def _frame(self, seen: Seen) -> NDArray[Any]:
         return _converted(seen.frame, self.buffer.dtype)

@@ -41,8 +41,8 @@ mod transitions;
 
 /// The compiled half of the Python package `vhs`.
 ///
-/// It needs the interpreter's lock: what a `SAFETY` note says of arrays that other threads leave alone rests on it.
-/// An interpreter without one takes it back when this module is imported, and says so.
+/// It asks for the interpreter's lock, also on free-threaded builds: arrays are read where they lie, and only the lock
+/// keeps other threads from writing into them meanwhile.
 #[pyo3::pymodule(gil_used = true)]
 mod _core {
     #[pymodule_export]
