@@ -259,14 +259,14 @@ class PrototypeGoals(ClassGoals):
     ) -> Tensor:
         """The prototype nearest in angle to each f(o_T), or f(o_T) itself, as `method.hindsight_goal` says.
 
-        Without a prototype of every class, and before goals can be told apart, it is f(o_T). Either is a
-        constant: a gradient could make the goal easy instead of the policy good.
+        Without any prototype, and before goals can be told apart, it is f(o_T). A class that was never
+        reached has none, names nothing and holds up nothing. The goal is a constant: a gradient could make it
+        easy instead of the policy good.
         """
-        reached = reached.detach()
-        can_name = self.prototypes.seen.all() and self.is_warm
-        if self._method.hindsight_goal == "feature" or not can_name:
+        reached, seen = reached.detach(), self.prototypes.seen
+        if self._method.hindsight_goal == "feature" or not (seen.any() and self.is_warm):
             return reached
-        table = to_device(self.prototypes.table, self._device)
+        table = to_device(self.prototypes.table[seen], self._device)
         nearest = (reached @ normalize(table, dim=1).T).argmax(dim=1)
         return table[nearest]
 
