@@ -106,9 +106,9 @@ def measure(name: str, size: int, rounds: int) -> dict[str, object]:
     scene = maker()
     scene[0].vis.global_.offwidth = scene[0].vis.global_.offheight = max(size, 480)
     expected = mujoco.Renderer(scene[0], size, size)
-    for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
-        expected.scene.flags[flag] = False
     actual = RasterRenderer(scene[0], size, size, antialias=antialias)
+    for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+        expected.scene.flags[flag] = actual.scene.flags[flag] = False
     worst = difference(expected, actual, scene)
     # Supersampling smooths textures on purpose; all else has to be the same picture.
     if antialias != "supersample" and worst > MOST_DIFFERENCE:

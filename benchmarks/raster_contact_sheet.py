@@ -29,8 +29,6 @@ def row(
 ) -> NDArray[np.uint8]:
     """One state: expected, found, and four times the difference."""
     expected = mujoco.Renderer(model, SIZE, SIZE)
-    for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
-        expected.scene.flags[flag] = False
     for _ in range(2):
         expected.update_scene(data, camera, option)
     actual = RasterRenderer(model, SIZE, SIZE, antialias="multisample")

@@ -28,6 +28,29 @@ def test_python_blocks_of_a_page_run_one_after_the_other(page: str) -> None:
     subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, timeout=100, cwd=ROOT)
 
 
+@pytest.mark.slow
+def test_the_guide_to_an_own_environment_ends_with_a_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its files are written and its commands given as they stand, but for fewer episodes."""
+    page = (ROOT / "docs" / "own-environment.md").read_text(encoding="utf-8")
+    for text in blocks("(?:python|yaml)", page):
+        name, _, content = text.removeprefix("# ").partition("\n")
+        (tmp_path / name).write_text(content)
+    few = ["--set", "train.episodes=40", "--set", "env.num_envs=4", "--set", "env.num_workers=0"]
+    commands = [line.split() for block in blocks("sh", page) for line in block.splitlines()]
+    assert [command[1] for command in commands[:4]] == ["train", "eval", "play", "report"]
+    arguments = [command[command.index("vhs") + 1 :] for command in commands]
+    arguments = [[*words, *(few if words[0] == "train" else [])] for words in arguments]
+    arguments.append(["eval", "runs/python", "--task", "mine.py", "--episodes", "2"])
+    python = (tmp_path / "train.py").read_text().replace('"train.episodes": 6000', '"train.episodes": 8')
+    code = f"{python}\nfrom vhs.cli import main\nfor words in {arguments}: assert main(words) == 0, words"
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT / "python"), str(tmp_path)]))
+    subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, timeout=110, cwd=tmp_path)
+    assert (tmp_path / "film.gif").stat().st_size > 1000
+    assert "Asked and reached" in (tmp_path / "runs" / "mine" / "report.html").read_text(encoding="utf-8")
+
+
 def test_make_targets_of_the_readme_exist() -> None:
     targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
     commands = re.findall(r"^make ([a-z]+)", "\n".join(blocks("sh")), re.MULTILINE)

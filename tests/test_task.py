@@ -1,5 +1,6 @@
 """What is read off an environment, and what a task refuses: nothing is assumed of anyone's environment."""
 
+import math
 import subprocess
 import sys
 
@@ -8,9 +9,9 @@ import numpy as np
 import pytest
 from toy import Toy, toy_task
 
-from vhs import ArgumentError, Outcome, Rng, Task, TaskSpec, relabel
+from vhs import ArgumentError, Move, Outcome, Rng, Task, TaskSpec, Turn, relabel
 from vhs.buffer import make_buffer
-from vhs.envs.task import ROOMS, load_task
+from vhs.envs.task import ROOMS, load_room
 from vhs.recorder import HindsightRecorder
 from vhs.recorder import make_buffer as recorder_buffer
 
@@ -55,10 +56,16 @@ def test_a_spec_is_read_without_drawing_or_resetting() -> None:
     ("changes", "message"),
     [
         ({"interactions": {}}, "which action does which of the 2 interactions that toy instructs, got {}"),
-        ({"max_steps": None}, "`max_episode_steps`: expected a number, got None"),
+        ({"max_steps": None}, "`max_steps`: expected a number, as toy registers none, got None"),
         ({"actions": ("left", "right")}, "`actions`: expected 5 names, one an action of toy, got 2"),
         ({"goals": ("red",)}, "`goals`: expected 3 names, one a goal class of toy, got 1"),
         ({"interactions": {0: 0, 5: 1}}, "`interactions`: expected actions below 5, got 5"),
+        ({"moves": {5: Turn(deg=1.0)}}, "`moves`: expected one of 5 numbered actions, got 5"),
+        (
+            {"moves": {0: Move(forward_m=float("nan"))}},
+            "`moves`: expected a Move or a Turn by a finite number",
+        ),
+        ({"moves": {0: (1.0, 0.0)}}, "`moves`: expected a Move or a Turn by a finite number for action 0"),
     ],
 )
 def test_what_does_not_fit_the_environment_is_refused(changes: dict[str, object], message: str) -> None:
@@ -69,13 +76,13 @@ def test_what_does_not_fit_the_environment_is_refused(changes: dict[str, object]
 
 def test_a_space_that_says_nothing_of_goals_needs_a_reader() -> None:
     task = Task(name="cart", make=lambda: gymnasium.make("CartPole-v1"))
-    with pytest.raises(ArgumentError, match="`reader`: expected one for an observation space without"):
+    with pytest.raises(ArgumentError, match="`read`: expected one for an observation space without"):
         task.spec()
 
 
 @pytest.mark.parametrize("name", ROOMS)
 def test_the_rooms_are_tasks(name: str) -> None:
-    task, kind = load_task(name, renderer="none"), ROOMS[name]
+    task, kind = load_room(name, renderer="none"), ROOMS[name]
     spec = task.spec()
     assert (task.name, task.title) == (name, f"Task {name[-1]}")
     assert spec.num_interactions == kind.interactions
@@ -83,7 +90,8 @@ def test_the_rooms_are_tasks(name: str) -> None:
     assert spec.num_goals == 5
     assert spec.max_episode_steps == 20
     assert set(task.keys.values()) == set(range(spec.num_actions))
-    env = task.make()
+    assert spec.moves == {0: (0.5, 0.0), 1: (0.0, math.pi / 4), 2: (0.0, -math.pi / 4)}
+    env = task.new_env()
     env.reset(seed=1)
     assert task.shortest is not None
     assert 1 <= task.shortest(env) <= 20

@@ -13,43 +13,21 @@ from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
 
-import mujoco
 import numpy as np
+from visible import Visible
 
-from vhs import Outcome, RasterRenderer
+from vhs import Outcome
 from vhs.acting.episodes import Episodes
 from vhs.acting.policy import Policy, load_agent
 from vhs.acting.seeds import episode_seeds
 from vhs.acting.setup import make_buffer, make_env
 from vhs.acting.stepping import LocalStepping
 from vhs.envs import OBJECT_NAMES, RoomEnv
-from vhs.envs.robot import CAMERA
 from vhs.runs.directory import describe
 
 BINS_PX = (0, 25, 50, 75, 100, 150, 84 * 84)
 HEADINGS = 8
 FORWARD, TURN_LEFT = 0, 1
-
-
-class Visible:
-    """Pixels of the goal in the robot's view, of 84 x 84."""
-
-    def __init__(self, room: RoomEnv) -> None:
-        """Prepare to look through the eyes of `room`."""
-        model = room.world.model
-        self._room = room
-        self._renderer = RasterRenderer(model, 84, 84)
-        self._renderer.enable_segmentation_rendering()
-        names = [model.body(body).name for body in range(model.nbody)]
-        bodies = [next(i for i, name in enumerate(names) if wanted in name) for wanted in OBJECT_NAMES]
-        self._geoms = [np.flatnonzero(model.geom_bodyid == body) for body in bodies]
-
-    def __call__(self) -> int:
-        """Pixels now."""
-        self._renderer.update_scene(self._room.world.data, camera=CAMERA)
-        ids, kinds = np.moveaxis(self._renderer.render(), -1, 0)
-        geoms = self._geoms[self._room.goal]
-        return int((np.isin(ids, geoms) & (kinds == int(mujoco.mjtObj.mjOBJ_GEOM))).sum())
 
 
 def watch(trained: Policy, episodes: int, seed: int, greedy: bool) -> list[dict[str, Any]]:
@@ -71,20 +49,20 @@ def watch(trained: Policy, episodes: int, seed: int, greedy: bool) -> list[dict[
 
 def _look(room: RoomEnv, visible: Visible, seed: int, actions: list[int], outcome: Outcome) -> dict[str, Any]:
     room.reset(seed=seed)
-    best = visible()
+    best = visible()[room.goal]
     for _ in range(HEADINGS - 1):
         room.step(TURN_LEFT)
-        best = max(best, visible())
+        best = max(best, visible()[room.goal])
     record = {"seed": seed, "goal": OBJECT_NAMES[room.goal], "outcome": outcome.name.lower(), "best_px": best}
     if outcome != Outcome.TIMEOUT:
         return record
     room.reset(seed=seed)
-    pixels, nowhere = [visible()], 0
+    pixels, nowhere = [visible()[room.goal]], 0
     for action in actions:
         before = room.world.measured_pose
         room.step(action)
         nowhere += action == FORWARD and np.hypot(*np.subtract(room.world.measured_pose, before)[:2]) < 0.05
-        pixels.append(visible())
+        pixels.append(visible()[room.goal])
     return {**record, "actions": actions, "pixels": pixels, "strides_nowhere": int(nowhere)}
 
 

@@ -1,7 +1,8 @@
 """Hindsight goals for reinforcement learning from images.
 
 This module is the storage and relabelling library: it needs numpy alone. The environments (`vhs.envs`) and
-the training code are imported on their own; `HindsightRecorder` brings gymnasium when it is first used.
+the training code are imported on their own; `HindsightRecorder` brings gymnasium when it is first used, and
+`train` torch.
 """
 
 from importlib import import_module
@@ -31,15 +32,17 @@ from vhs._core import (
     VhsError,
     WindowBatch,
     discounted_returns,
+    egomotion,
     relabel,
 )
 from vhs._core import __version__ as __version__
 from vhs.raster import RasterRenderer
-from vhs.task import Outcome, Seen, Task, TaskSpec
+from vhs.task import Move, Outcome, OutcomeReward, Seen, Task, TaskSpec, Turn
 
 if TYPE_CHECKING:
     from vhs.recorder import HindsightRecorder
     from vhs.rollout import RolloutPool
+    from vhs.train.api import train_on as train
 
 _LAZY = {"HindsightRecorder": "vhs.recorder", "RolloutPool": "vhs.rollout"}
 
@@ -56,9 +59,11 @@ __all__ = [
     "HindsightRecorder",
     "LabelError",
     "LayoutError",
+    "Move",
     "NonFiniteError",
     "OutOfMemoryError",
     "Outcome",
+    "OutcomeReward",
     "ProtocolError",
     "Prototypes",
     "RasterRenderer",
@@ -70,11 +75,14 @@ __all__ = [
     "Task",
     "TaskSpec",
     "TransitionBatch",
+    "Turn",
     "UnsupportedError",
     "VhsError",
     "WindowBatch",
     "discounted_returns",
+    "egomotion",
     "relabel",
+    "train",
 ]
 
 
@@ -82,4 +90,6 @@ def __getattr__(name: str) -> Any:
     # What needs gymnasium is loaded when it is asked for: the library alone does without.
     if name in _LAZY:
         return getattr(import_module(_LAZY[name]), name)
+    if name == "train":
+        return import_module("vhs.train")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -44,6 +44,7 @@ __all__ = [
     "Prototypes",
     "RasterCanvas",
     "RasterScene",
+    "RasterSource",
     "Rng",
     "RolloutLearner",
     "RolloutWorker",
@@ -54,6 +55,7 @@ __all__ = [
     "VhsError",
     "WindowBatch",
     "discounted_returns",
+    "egomotion",
     "relabel",
 ]
 
@@ -1092,6 +1094,35 @@ def discounted_returns(
         NonFiniteError: For NaN or infinity inside an episode.
     """
 
+def egomotion(
+    actions: ArrayLike,
+    blocked: NDArray[np.bool_],
+    lengths: ArrayLike,
+    moves: ArrayLike,
+    *,
+    ahead_m: float = 0.0,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Dead reckoning: where the end of each padded episode lay, seen from the beginning of each of its steps.
+
+    The moves are undone one by one from the end; an action first moves forward and then turns. What lies
+    after an episode's end is not read.
+
+    Args:
+        actions: int64 [B, T].
+        blocked: Steps that went nowhere, bool [B, T]: their way forward is not counted, their turn is.
+        lengths: Steps of each episode, int64 [B], in 0..=T.
+        moves: What each action does, float32 [actions, 2]: metres forward, radians to the left.
+        ahead_m: What is looked for lies so many metres in front of the last pose, at least 0.
+
+    Returns:
+        Bearings in radians, in -pi..=pi, 0 straight ahead and positive to the left, and distances in metres:
+        float32 [B, T] each, zero after an episode's end.
+
+    Raises:
+        ShapeError, DtypeError, LabelError, ArgumentError: For an argument that does not fit.
+        NonFiniteError: For a move that is NaN or infinite.
+    """
+
 @final
 class RasterScene:
     """What a renderer draws, while it is being collected; `vhs.RasterRenderer` fills it from a model.
@@ -1117,43 +1148,70 @@ class RasterScene:
     ) -> int:
         """Add a mesh and return its number; no texture coordinates: `uv` and `face_uv` are empty."""
 
-    def add_geom(
-        self,
-        *,
-        kind: int,
-        size: Sequence[float],
-        mesh: int,
-        rgba: Sequence[float],
-        gloss: Sequence[float],
-        is_mirror: bool,
-        texture: int,
-        repeat: Sequence[float],
-        is_uniform: bool,
-        tag: Sequence[int],
-    ) -> None:
-        """Add a geom or site: MuJoCo's type, sizes in metres, mesh and texture (or -1), surface, tag."""
+    def add_height_field(self, size: Sequence[float], heights: NDArray[np.float32]) -> int:
+        """Add heights in 0..1, float32 [rows, columns], and return their number.
 
-    def add_light(
-        self, colours: Sequence[Sequence[float]], spot: Sequence[float] | None, is_headlight: bool
-    ) -> None:
-        """Add a light: ambient, diffuse, specular; a spot: attenuation (3), exponent, cutoff in degrees."""
+        `size`: half sizes along x and y, largest height, depth of the base, in metres.
+        """
+
+    def set_shadows(self, size: int, clip: float, scale: float) -> None:
+        """Set the texels a side of a shadow map, half its side in metres, and its share of a spot's cone."""
+
+    def set_fog(self, rgb: Sequence[float], start: float, end: float) -> None:
+        """Set the colour of fog, and from where to where it thickens, in metres."""
 
     def set_sky(self, texture: int, haze_rgb: Sequence[float], haze_proportion: float) -> None:
         """Set the cube texture of the sky and the haze over the horizon."""
+
+@final
+class RasterSource:
+    """Where a renderer finds what MuJoCo wants to have drawn: arrays that are read anew at every frame."""
+
+    def __new__(
+        cls,
+        *,
+        geoms: NDArray[np.uint8],
+        geom_places: Sequence[int | None],
+        lights: NDArray[np.uint8],
+        light_places: Sequence[int | None],
+        flags: NDArray[np.uint8],
+        geom_size: NDArray[np.float64],
+        mat_texid: NDArray[np.int32],
+        mat_texuniform: NDArray[np.uint8],
+        mat_texrepeat: NDArray[np.float32],
+        textures: Sequence[int | None],
+        meshes: Sequence[Sequence[int]],
+        line_width: float,
+    ) -> RasterSource:
+        """Remember the arrays of an abstract scene (`mujoco.MjvScene`) and of its model.
+
+        Args:
+            geoms: Records of the scene's geoms, uint8 [most, bytes].
+            geom_places: First byte of each field in a record, None for one that this MuJoCo lacks.
+            lights: Records of the scene's lights, likewise.
+            light_places: As `geom_places`.
+            flags: The scene's flags.
+            geom_size: The model's, float64 [ngeom, 3].
+            mat_texid: The model's, int32 [nmat, roles].
+            mat_texuniform: The model's, as bytes [nmat].
+            mat_texrepeat: The model's, float32 [nmat, 2].
+            textures: For each of the model's textures its number in the `RasterScene`; None: not shown.
+            meshes: For each of the model's meshes its number in the `RasterScene` and that of its hull.
+            line_width: Pixels.
+        """
 
 @final
 class RasterCanvas:
     """A picture of fixed size that draws one scene; the interpreter is released while it draws."""
 
     def __new__(
-        cls, scene: RasterScene, geoms: int, lights: Sequence[int], height: int, width: int, antialias: int
+        cls, scene: RasterScene, source: RasterSource, height: int, width: int, antialias: int
     ) -> RasterCanvas:
         """A canvas of a scene.
 
         Args:
-            scene: What it draws.
-            geoms: How many of the scene's geoms are geoms; the rest are sites.
-            lights: For each light its number in the model, -1 for the headlight.
+            scene: Textures, meshes and height fields.
+            source: What is drawn.
             height: Pixels.
             width: Pixels.
             antialias: 0 off, 1 multisample, 2 supersample.
@@ -1165,15 +1223,10 @@ class RasterCanvas:
         geom_xmat: NDArray[np.float64],
         site_xpos: NDArray[np.float64],
         site_xmat: NDArray[np.float64],
-        light_xpos: NDArray[np.float64],
-        light_xdir: NDArray[np.float64],
         cam_xpos: NDArray[np.float64],
         cam_xmat: NDArray[np.float64],
     ) -> None:
         """Remember the arrays of one simulation; `update` reads them."""
-
-    def set_visible(self, is_visible: NDArray[np.bool_]) -> None:
-        """Say which geoms and then sites are drawn, bool [geoms + sites]."""
 
     def update(
         self,
@@ -1185,6 +1238,29 @@ class RasterCanvas:
     ) -> None:
         """Read poses; look through fixed camera number `fixed`, or along `gaze` where that is -1."""
 
+    def set_softs(
+        self,
+        surfaces: Sequence[
+            tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]
+        ],
+        skins: Sequence[int],
+        flexes: Sequence[tuple[int | None, NDArray[np.float32], NDArray[np.float32]]],
+    ) -> None:
+        """Set the surfaces that bend, in metres in the world.
+
+        Args:
+            surfaces: Vertices [n, 3], normals [n, 3], texture coordinates [n, 2] or [0, 2], faces [m, 3].
+            skins: For each skin its surface.
+            flexes: For each flexible body its surface or None, its vertices that are shown as balls [n, 3],
+                and its edges that are shown as tubes [n, 6].
+        """
+
+    def take(self, geoms: int, lights: int, is_numbered: bool = False) -> None:
+        """Read the first geoms and lights of the source, and its flags; what follows draws them.
+
+        `is_numbered`: segmentation shows the numbers that MuJoCo gave geoms for it instead of objects.
+        """
+
     def draw(self, out: NDArray[np.uint8], is_planar: bool) -> None:
         """Draw colours into uint8 [height, width, 3], or [3, height, width] where planar."""
 
@@ -1193,6 +1269,21 @@ class RasterCanvas:
 
     def draw_tags(self, out: NDArray[np.int32]) -> None:
         """Draw object number and type into int32 [height, width, 2]; -1 is background."""
+
+    def keep(self) -> None:
+        """Keep what `update` and `take` have read, to be drawn together with others."""
+
+    def forget(self) -> None:
+        """Forget what was kept."""
+
+    def draw_kept(self, out: NDArray[np.uint8], is_planar: bool, threads: int) -> None:
+        """Draw all that was kept on some threads, as `draw` does, one picture after the other into `out`."""
+
+    def draw_kept_depth(self, out: NDArray[np.float32], threads: int) -> None:
+        """As `draw_kept`, for distances."""
+
+    def draw_kept_tags(self, out: NDArray[np.int32], threads: int) -> None:
+        """As `draw_kept`, for segmentation."""
 
     @staticmethod
     def orbit(
@@ -1207,7 +1298,10 @@ class RasterCanvas:
 
 @final
 class RolloutLearner:
-    """The learner's end of a pool."""
+    """The learner's end of a pool.
+
+    Every call of a forked copy is refused with an `ArgumentError`: it would drive its parent's workers.
+    """
 
     def __new__(
         cls,
@@ -1242,12 +1336,25 @@ class RolloutLearner:
         actions: Sequence[tuple[int, int, NDArray[Any]]],
         code: int,
         version: int,
-        blob: bytes,
+        blobs: Sequence[bytes],
     ) -> None:
         """Give a command to each environment.
 
-        `actions` are offset and size of a row, and the rows, contiguous.
+        `actions` are offset and size of a row, and the rows, contiguous. There is a blob for each
+        environment, one for all, or none.
         """
+
+    def check_held(self, env_ids: ArrayLike) -> None:
+        """Refuse environments that do not exist, are named twice or have a command under way."""
+
+    def under_way(self, ticket: int) -> int:
+        """Commands whose answers have not been received; what was filled for `ticket` is not received."""
+
+    def is_filled(self, ticket: int) -> bool:
+        """Whether `recv` has filled a block for this ticket."""
+
+    def has_news(self) -> bool:
+        """Whether a death or a notice waits to be seen to."""
 
     def wait(self, wanted: int, limit_s: float) -> bool:
         """Whether so many answers lie ready.
@@ -1255,13 +1362,19 @@ class RolloutLearner:
         False after `limit_s`, or when a death or a notice wants attention.
         """
 
-    def recv(self, block: NDArray[np.uint8], wanted: int, limit_s: float) -> tuple[int, int, int] | None:
-        """Wait as `wait` and fill the block: rows, rows with a final observation, rows to look at."""
+    def recv(
+        self, block: NDArray[np.uint8], ticket: int, wanted: int | None, limit_s: float
+    ) -> tuple[int, int, int] | None:
+        """Wait as `wait` and fill the block: rows, rows with a final observation, rows to look at.
+
+        None also where there are not so many under way; without a number, all that are.
+        Once a ticket: called again with the same ticket and block, after an interrupt, it tells the same.
+        """
 
     def seed_next(self, env_ids: ArrayLike, seeds: Sequence[int | None]) -> None: ...
     def reseed(self, seed: int | None) -> None: ...
     def expect_start(self, worker: int, limit_s: float) -> None: ...
-    def watch(self, worker: int, pid: int) -> None:
+    def listen_to(self, worker: int, pid: int) -> None:
         """Listen to the process that now is this worker."""
 
     def take_deaths(self) -> list[tuple[int, bool]]:
@@ -1270,15 +1383,21 @@ class RolloutLearner:
     def take_notices(self) -> list[tuple[int, int, int]]:
         """Environments that failed or answered a call: environment, flags, length of the pickled part."""
 
-    def reclaim(self, worker: int) -> tuple[list[int], bool]:
-        """Take a dead worker's slots: which environments must be asked anew, and whether it ever answered."""
+    def reclaim(self, worker: int, again: bool) -> tuple[list[int], bool]:
+        """Take a dead worker's slots: whose commands or answers are lost, and whether it ever answered.
+
+        The lost are asked to begin an episode where `again`, and have no command under way otherwise.
+        """
 
     @property
     def stats(self) -> tuple[int, int, int, int, int]:
         """Steps, episodes, cut episodes, quarantined episodes, restarts."""
 
     def close(self) -> None:
-        """Tell the workers to leave and stop listening."""
+        """Tell the workers to leave and stop listening; a `recv` of another thread ends with None."""
+
+    def free(self) -> None:
+        """Give back the shared memory of payloads and blobs, once the workers are gone."""
 
 @final
 class RolloutWorker:
@@ -1292,7 +1411,7 @@ class RolloutWorker:
         deadline_s: float | None,
         cpu: int | None,
     ) -> RolloutWorker:
-        """Take up the post of a worker, on a core of its own if one is given."""
+        """Take up the post of a worker, before long on a core of its own if one is given."""
 
     @property
     def offsets(self) -> list[int]: ...
@@ -1305,6 +1424,9 @@ class RolloutWorker:
 
         The environment is -1 when nothing came within `limit_s` and -2 when the pool closes.
         """
+
+    def untie(self) -> None:
+        """Let this thread run anywhere for a while: what it starts now inherits where it may run."""
 
     def allow(self, extra_s: float) -> None:
         """Give the command under way so much time from now."""

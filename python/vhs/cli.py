@@ -8,52 +8,45 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
-import select
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vhs import VhsError, __version__
+from vhs.console import Output
+
+if TYPE_CHECKING:
+    from vhs import Task
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; the exit status is 0, 1 for an explained error, 130 for a run that was stopped.
 
-    A reader of standard output that leaves early (``vhs eval RUN | head -3``) is no error.
+    A reader of standard output that leaves early (``vhs eval RUN | head -3``) is no error, and nothing that
+    happens to standard output ends a training or a sweep; a result that could not be told is an error.
     """
     options = _parser().parse_args(arguments)
+    out, errors = Output(), Output(sys.stderr)
+    options.say, options.warn = out.say, errors.say
     try:
         status: int = options.run(options)
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] == "vhs":
             raise
         hint = f"in the clone: pip install -e '.[{options.extra}]'"
-        print(f"vhs: {error.name} is not installed; {hint}", file=sys.stderr)
-        return 1
+        errors.say(f"vhs: {error.name} is not installed; {hint}")
+        status = 1
     except VhsError as error:
-        print(f"vhs: {error}", file=sys.stderr)
-        return 1
-    except BrokenPipeError:
-        if not _is_output_unread():
-            raise
-        status = 0
-    if _is_output_unread():
-        # What is still buffered would fail when Python flushes at its end.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        errors.say(f"vhs: {error}")
+        status = 1
+    if out.failure is not None and not out.is_unread:
+        errors.say(f"vhs: standard output: cannot write: {out.failure.strerror}")
+        status = status or 1
+    for output in (out, errors):
+        output.abandon()
     return status
-
-
-def _is_output_unread() -> bool:
-    """Whether standard output is a pipe whose reader has left."""
-    try:
-        poll = select.poll()
-        poll.register(sys.stdout.fileno(), 0)
-    except (AttributeError, OSError):
-        # A system without poll, or an output that is no file.
-        return False
-    return any(event & select.POLLERR for _, event in poll.poll(0))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -93,15 +86,17 @@ def _add_eval(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--episodes", type=_positive, default=300, metavar="N", help="episodes to play (default: 300)"
     )
-    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="which rooms (default: 0)")
+    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="which episodes (default: 0)")
     parser.add_argument("--greedy", action="store_true", help="take the likeliest action instead of sampling")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
+    _add_task(parser)
     parser.set_defaults(run=_eval)
 
 
 def _add_export(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run_directory", type=Path, metavar="RUN", help="directory of a run")
     parser.add_argument("directory", type=Path, metavar="DIR", help="a new directory for the agent")
+    _add_task(parser)
     parser.set_defaults(run=_export)
 
 
@@ -146,14 +141,17 @@ def _add_play(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--episodes", type=_positive, default=3, metavar="N", help="episodes to play (default: 3)"
     )
-    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="which rooms (default: 0)")
+    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="which episodes (default: 0)")
     parser.add_argument("--greedy", action="store_true", help="take the likeliest action instead of sampling")
     parser.add_argument(
         "--out", type=Path, metavar="FILE", help="film to write, .gif or .mp4 (default: open a window)"
     )
     parser.add_argument(
-        "--human", action="store_true", help="drive the robot: arrow keys, 1 to 3 or space interact"
+        "--human",
+        action="store_true",
+        help="act by the keys of the task; in the rooms the arrow keys",
     )
+    _add_task(parser)
     parser.set_defaults(run=_play, extra="report")
 
 
@@ -167,7 +165,8 @@ def _add_report(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--episodes", type=_positive, default=100, metavar="N", help="episodes to evaluate (default: 100)"
     )
-    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="which rooms (default: 0)")
+    parser.add_argument("--seed", type=_seed, default=0, metavar="N", help="which episodes (default: 0)")
+    _add_task(parser)
     parser.set_defaults(run=_report, extra="report")
 
 
@@ -184,7 +183,20 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(run=_bench)
 
 
+def _add_task(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--task",
+        metavar="TASK",
+        help="where the task of the run is now, as for `vhs train`",
+    )
+
+
 def _add_config(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--task",
+        metavar="TASK",
+        help="task1, task2 or task3, or your own: FILE.py, package.module:name, or a YAML file with `task`",
+    )
     parser.add_argument(
         "--config",
         type=Path,
@@ -207,7 +219,7 @@ def _train(options: argparse.Namespace) -> int:
     from vhs.runs.directory import default_run_directory
     from vhs.train import train
 
-    config = load_config(options.config, options.set)
+    config = load_config(options.config, options.set, task=options.task)
     finished = train(config, options.out or default_run_directory(config))
     return 0 if finished else 130
 
@@ -215,31 +227,48 @@ def _train(options: argparse.Namespace) -> int:
 def _eval(options: argparse.Namespace) -> int:
     from vhs.errors import OutputError
     from vhs.eval import evaluate, record_evaluation
+    from vhs.runs.directory import is_exported
 
     result = evaluate(
-        options.run_directory, episodes=options.episodes, seed=options.seed, greedy=options.greedy
+        options.run_directory,
+        episodes=options.episodes,
+        seed=options.seed,
+        greedy=options.greedy,
+        task=_told_task(options, options.run_directory),
     ).as_dict()
     try:
-        record_evaluation(options.run_directory, result)
+        # An exported agent is what it was when it was shipped, its evaluations too.
+        if not is_exported(options.run_directory):
+            record_evaluation(options.run_directory, result)
     except OutputError as error:
         # The result comes to the screen, so a run on a read-only disk is no failure.
-        print(f"vhs: {error}; the evaluation is not recorded", file=sys.stderr)
+        options.warn(f"vhs: {error}; the evaluation is not recorded")
     finally:
         if options.json:
-            print(json.dumps(result))
+            options.say(json.dumps(result))
         else:
             for name, value in result.items():
-                print(f"{name} {value:.3f}" if isinstance(value, float) else f"{name} {value}")
+                options.say(f"{name} {value:.3f}" if isinstance(value, float) else f"{name} {value}")
     return 0
+
+
+def _told_task(options: argparse.Namespace, run: Path) -> Task | None:
+    """The task that `--task` names; None where it is not given."""
+    if options.task is None:
+        return None
+    from vhs.acting.policy import told_task
+
+    return told_task(run, options.task)
 
 
 def _export(options: argparse.Namespace) -> int:
     from vhs.train.export import export_agent
 
-    trained = export_agent(options.run_directory, options.directory)
+    task = _told_task(options, options.run_directory)
+    trained = export_agent(options.run_directory, options.directory, task)
     size = sum(path.stat().st_size for path in options.directory.iterdir())
-    print(f"exported {options.directory} ({trained.trained_episodes} episodes, {size / 1e6:.1f} MB)")
-    print(f"evaluate it:  vhs eval {options.directory}")
+    options.say(f"exported {options.directory} ({trained.trained_episodes} episodes, {size / 1e6:.1f} MB)")
+    options.say(f"evaluate it:  vhs eval {options.directory}")
     return 0
 
 
@@ -262,7 +291,7 @@ def _compare(options: argparse.Namespace) -> int:
     try:
         write_comparison(comparison, options.out)
     finally:
-        print(as_markdown(comparison))
+        options.say(as_markdown(comparison))
     return 0
 
 
@@ -286,15 +315,17 @@ def _play(options: argparse.Namespace) -> int:
         greedy=options.greedy,
         out=options.out,
         is_human=options.human,
+        task=_told_task(options, options.run_directory),
     )
-    print(done)
+    options.say(done)
     return 0
 
 
 def _report(options: argparse.Namespace) -> int:
     from vhs.report import report
 
-    print(report(options.path, options.out, episodes=options.episodes, seed=options.seed))
+    task = _told_task(options, options.path)
+    options.say(report(options.path, options.out, episodes=options.episodes, seed=options.seed, task=task))
     return 0
 
 
@@ -302,16 +333,20 @@ def _bench(options: argparse.Namespace) -> int:
     from vhs.config import load_config
     from vhs.train.bench import bench
 
-    config = load_config(options.config, options.set)
-    print(f"measuring for {3 * options.seconds} seconds, and until a goal is reached", file=sys.stderr)
+    config = load_config(options.config, options.set, task=options.task)
+    options.warn(f"measuring for {3 * options.seconds} seconds, and until a goal is reached")
     speed = bench(config, options.seconds)
     if options.json:
-        print(json.dumps(asdict(speed)))
+        options.say(json.dumps(asdict(speed)))
         return 0
-    print(f"{speed.task}, {speed.method}; {speed.cores} cores, {speed.threads} thread(s), {speed.precision}")
-    print(f"environments alone {speed.environments_steps_per_s:7.0f} steps/s")
-    print(f"training           {speed.steps_per_s:7.0f} steps/s, {speed.episodes_per_s:.0f} episodes/s")
-    print(f"{config.train.episodes} episodes take about {speed.minutes:.0f} minutes, if they stay as long")
+    options.say(
+        f"{speed.task}, {speed.method}; {speed.cores} cores, {speed.threads} thread(s), {speed.precision}"
+    )
+    options.say(f"environments alone {speed.environments_steps_per_s:7.0f} steps/s")
+    options.say(f"training           {speed.steps_per_s:7.0f} steps/s, {speed.episodes_per_s:.0f} episodes/s")
+    options.say(
+        f"{config.train.episodes} episodes take about {speed.minutes:.0f} minutes, if they stay as long"
+    )
     return 0
 
 

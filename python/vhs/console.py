@@ -10,6 +10,7 @@ from __future__ import annotations
 import errno
 import os
 import sys
+from contextlib import suppress
 from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
@@ -69,6 +70,13 @@ class Output:
         if self._stream is None:
             raise OSError(errno.EBADF, os.strerror(errno.EBADF))
         return self._stream.fileno()
+
+    def abandon(self) -> None:
+        """Leave a stream that fails: what waits in it would fail again when Python flushes at its end."""
+        self.flush()
+        if self.failure is not None and self._stream is not None:
+            with suppress(OSError, ValueError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
 
     def _try(self, action: str, *arguments: str) -> None:
         if self._stream is None:

@@ -7,7 +7,15 @@ from __future__ import annotations
 
 from vhs._core import VhsError
 
-__all__ = ["CheckpointError", "ComparisonError", "ConfigError", "DivergenceError", "OutputError", "VhsError"]
+__all__ = [
+    "CheckpointError",
+    "ComparisonError",
+    "ConfigError",
+    "DivergenceError",
+    "OutputError",
+    "ReplayError",
+    "VhsError",
+]
 
 
 class ConfigError(VhsError, ValueError):
@@ -28,3 +36,7 @@ class DivergenceError(VhsError, ArithmeticError):
 
 class OutputError(VhsError, RuntimeError):
     """Something that cannot be shown or written: no display, no such folder, no encoder, no permission."""
+
+
+class ReplayError(VhsError, RuntimeError):
+    """An episode that did not go as before when it was played again from its seed and actions."""

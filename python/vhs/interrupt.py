@@ -9,6 +9,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
 
+_HANG_UP = getattr(signal, "SIGHUP", None)
+"""A terminal or connection that is gone; Windows has none."""
+_KINDS = [kind for kind in (signal.SIGINT, signal.SIGTERM, _HANG_UP) if kind is not None]
+
 
 @dataclass(slots=True)
 class StopRequest:
@@ -24,15 +28,18 @@ class StopRequest:
 
 @contextmanager
 def stop_on_signal() -> Iterator[StopRequest]:
-    """Turn the first Ctrl-C or SIGTERM into a request; the second one acts as it always does.
+    """Turn the first Ctrl-C, SIGTERM or SIGHUP into a request; the second one acts as it always does.
 
-    Outside the main thread Python delivers no signals, so there the request is never set.
+    A hang-up that is ignored, as under ``nohup``, stays ignored. Outside the main thread Python delivers no
+    signals, so there the request is never set.
     """
     request = StopRequest()
     if threading.current_thread() is not threading.main_thread():
         yield request
         return
-    before = {kind: signal.getsignal(kind) for kind in (signal.SIGINT, signal.SIGTERM)}
+    before = {kind: signal.getsignal(kind) for kind in _KINDS}
+    if before.get(_HANG_UP) == signal.SIG_IGN:
+        del before[_HANG_UP]
 
     def ask(number: int, frame: FrameType | None) -> None:
         request.signal_name = signal.Signals(number).name

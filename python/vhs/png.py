@@ -1,12 +1,30 @@
-"""A PNG writer, so that pictures need no library and no asset file."""
+"""Frames as pictures for people, and a PNG writer: pictures need no library and no asset file."""
 
 from __future__ import annotations
 
 import struct
 import zlib
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+
+def as_picture(frame: NDArray[Any]) -> NDArray[np.uint8]:
+    """A frame of any kind as people see it.
+
+    Args:
+        frame: pictures, [..., H, W, channels]: of another number of channels than three the first is shown in
+            grey; or a vector, [n], a row of greys. Other types than uint8 are spread over its range.
+
+    Returns:
+        uint8 [..., H, W, 3], or [1, n, 3].
+    """
+    shown = frame[None, :, None] if frame.ndim == 1 else frame
+    if shown.dtype != np.uint8:
+        low, span = shown.min(), max(float(np.ptp(shown)), 1e-9)
+        shown = (255 * (shown - low) / span).astype(np.uint8)
+    return shown if shown.shape[-1] == 3 else np.repeat(shown[..., :1], 3, axis=-1)
 
 
 def png_bytes(picture: NDArray[np.uint8]) -> bytes:

@@ -33,7 +33,8 @@ def read_bounded(path: Path, most: int, *, may_be_pipe: bool = False) -> bytes:
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         if not (may_be_pipe or stat.S_ISREG(status.st_mode)):
             raise ValueError("expected a regular file, found a pipe or a device")
-        content = file.read(most + 1)
-    if len(content) > most:
-        raise ValueError(f"expected at most {most:,} bytes, found {max(status.st_size, most + 1):,}")
+        # Of a file no more is asked for than it has: what is asked for is memory at once.
+        content = file.read(min(most, status.st_size) + 1 if stat.S_ISREG(status.st_mode) else most + 1)
+    if len(content) > most or status.st_size > most:
+        raise ValueError(f"expected at most {most:,} bytes, found {max(status.st_size, len(content)):,}")
     return content

@@ -181,7 +181,8 @@ def make_buffer(
             neither numbered nor real, or with several interactions and no word of which action does which.
     """
     observation, _ = env.reset()
-    start = int(getattr(env.action_space, "start", 0))
+    space = env.action_space
+    start = int(space.start) if isinstance(space, gymnasium.spaces.Discrete) else 0
     spec = read_spec(
         env,
         observation,

@@ -7,10 +7,13 @@ these two and knows no environment by name. numpy alone at import: gymnasium com
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
+from importlib import import_module
+from inspect import Parameter, signature
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
@@ -18,6 +21,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from vhs._core import ArgumentError
 from vhs.actions import action_sizes, doer
+from vhs.asking import asking
 
 if TYPE_CHECKING:
     import gymnasium
@@ -28,10 +32,14 @@ __all__ = [
     "GoalReader",
     "Instruction",
     "Judge",
+    "Motion",
+    "Move",
     "Outcome",
+    "OutcomeReward",
     "Seen",
     "Task",
     "TaskSpec",
+    "Turn",
     "default_outcome",
     "last_actions",
     "read_spec",
@@ -65,6 +73,51 @@ class Outcome(IntEnum):
 
 Judge = Callable[[float, bool, bool, dict[str, Any]], Outcome]
 """(reward, terminated, truncated, info) of the last step -> outcome."""
+
+
+@dataclass(frozen=True, slots=True)
+class OutcomeReward:
+    """Rewards by how an episode ends, in place of the environment's."""
+
+    success: float = 10.0
+    failure: float = -1.0
+    timeout: float = -0.1
+    step: float = -0.01
+    """Of every step, the last one included."""
+
+    def of(self, outcome: Outcome | None) -> float:
+        """The reward of a step: of the one that ended its episode so, or of another where it is None."""
+        return self.step + (0.0 if outcome is None else getattr(self, outcome.name.lower()))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Move:
+    """What an action does to the pose where nothing is in the way: a move along the heading."""
+
+    forward_m: float
+    """In metres, or whatever unit all moves of a task share."""
+
+    @property
+    def pose_change(self) -> tuple[float, float]:
+        """Metres forward, then radians to the left."""
+        return self.forward_m, 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Turn:
+    """What an action does to the pose: a turn on the spot."""
+
+    deg: float
+    """Degrees, positive to the left."""
+
+    @property
+    def pose_change(self) -> tuple[float, float]:
+        """Metres forward, then radians to the left."""
+        return 0.0, math.radians(self.deg)
+
+
+Motion = Move | Turn
+"""What one action does to the pose."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,8 +199,8 @@ def default_outcome(reward: float, terminated: bool, truncated: bool, info: dict
     return Outcome.TIMEOUT
 
 
-def reader_of(space: spaces.Space[Any]) -> GoalReader:
-    """The reader that fits an observation space.
+def reader_of(space: spaces.Space[Any], field: str = "reader") -> GoalReader:
+    """The reader that fits an observation space; `field` is what an error says was not given.
 
     Raises:
         ArgumentError: For a space that says nothing of goals.
@@ -158,7 +211,7 @@ def reader_of(space: spaces.Space[Any]) -> GoalReader:
     if {"image", "goal"} <= entries:
         return Instruction(interaction="interaction" if "interaction" in entries else None)
     raise ArgumentError(
-        "`reader`: expected one for an observation space without achieved_goal and desired_goal, or image "
+        f"`{field}`: expected one for an observation space without achieved_goal and desired_goal, or image "
         f"and goal, got None for {space}"
     )
 
@@ -173,7 +226,7 @@ class TaskSpec:
     max_episode_steps: int
     frame_dtype: DTypeLike = np.uint8
     action_dim: int = 0
-    """Numbers in a continuous action; 0 where actions are numbered."""
+    """Numbers in a continuous action, each in -1..1, its bounds; 0 where actions are numbered."""
     action_parts: tuple[int, ...] = ()
     """Options of each of several choices that one number stands for (`vhs.actions`); else empty."""
     goals: Literal["labels", "observations", "vectors"] = "labels"
@@ -189,22 +242,37 @@ class TaskSpec:
     """Interactions that can be instructed; 0 where an instruction names none."""
     success_reward: float | None = None
     """What the environment pays for the last step of a success; None where nobody said."""
+    moves: Mapping[int, tuple[float, float]] | None = None
+    """Action -> what it does to the pose: metres forward, then radians to the left; the other actions leave
+    it as it is. None where nobody said."""
+
+    @property
+    def has_classes(self) -> bool:
+        """Whether goals are of classes: alone, or named beside the pictures or vectors that are told."""
+        return self.goals == "labels" or self.num_goals > 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """What a user says of an environment; everything but `name` and `make` may be left out."""
+    """What a user says of an environment; everything but `make` may be left out."""
 
-    name: str
-    """In configurations, file names and tables."""
-    make: Callable[..., gymnasium.Env[Any, Any]]
-    """Makes one environment; takes what `gymnasium.make` takes beside the id, as `render_mode`."""
+    make: str | Callable[..., gymnasium.Env[Any, Any]]
+    """Makes one environment: a function, or an id of gymnasium's, ``EnvId`` or ``module:EnvId``.
+
+    For pictures it gets ``render_mode="rgb_array"`` where it takes that.
+    """
+    kwargs: Mapping[str, Any] = field(default_factory=dict)
+    """What it is called with; the `env.kwargs` of a configuration go over them."""
+    name: str = ""
+    """In file names and tables; a task that is found by its file or its module has that name otherwise."""
     title: str = ""
     """For people; the name where it is empty."""
     read: GoalReader | None = None
     """Observation -> `Seen`; None: by the observation space, `GoalDict` or `Instruction`."""
     judge: Judge = default_outcome
     """Says how an episode ended."""
+    reward: OutcomeReward | None = None
+    """None: what the environment pays."""
     max_steps: int | None = None
     """Of the longest episode; None: that of the environment's registration."""
     interactions: Mapping[int, int] = field(default_factory=dict)
@@ -216,6 +284,10 @@ class Task:
     limit_ends: bool = False
     """Whether the limit of steps is a part of the task, whose last step is worth what it pays; False: it cuts
     off what would have gone on, and the critic says what would have come (`truncated` of gymnasium)."""
+    moves: Mapping[int, Motion] | None = None
+    """What each action does to the pose, where known: hindsight localisation needs it, nothing else does."""
+    replayable: bool = True
+    """Whether a seed and actions repeat an episode bit for bit; a resumed run drops what it cannot repeat."""
 
     # For people and evaluation alone; what is missing is left out of tables, charts and pictures.
     actions: tuple[str, ...] = ()
@@ -225,7 +297,21 @@ class Task:
     reached: Callable[[Mapping[str, Any]], int] | None = None
     """`info` of the last step -> the goal class that was reached, -1 for none."""
     shortest: Callable[[gymnasium.Env[Any, Any]], int | None] | None = None
-    """Fewest steps to success from the start of an environment's episode; None where there is no way."""
+    """Fewest steps to success from the start of an episode, of the environment without its wrappers; None
+    where there is no way."""
+    metrics: tuple[str, ...] = ()
+    """Numbers in `info` of the last step whose means an evaluation shows."""
+
+    def new_env(self, *, rendering: bool = False) -> gymnasium.Env[Any, Any]:
+        """One environment; `rendering` asks for one that `render` draws, where there is such a one."""
+        kwargs = dict(self.kwargs)
+        if rendering and _can_render(self.make):
+            kwargs.setdefault("render_mode", "rgb_array")
+        if isinstance(self.make, str):
+            import gymnasium
+
+            return gymnasium.make(self.make, **kwargs)
+        return self.make(**kwargs)
 
     def reader(self, env: gymnasium.Env[Any, Any]) -> GoalReader:
         """`read`, or what fits the observation space.
@@ -233,7 +319,7 @@ class Task:
         Raises:
             ArgumentError: For a space that says nothing of goals where `read` is None.
         """
-        return self.read or reader_of(env.observation_space)
+        return self.read or reader_of(env.observation_space, "read")
 
     def spec(self) -> TaskSpec:
         """Sizes and types of this task, read off an environment that is closed again.
@@ -241,33 +327,45 @@ class Task:
         Raises:
             ArgumentError: As for `read_spec`; for names or interactions that do not fit the environment.
         """
-        with closing(self.make()) as env:
+        with asking(self.name, "make"):
+            env = self.new_env()
+        with closing(env):
             return self._spec_of(env)
 
     def _spec_of(self, env: gymnasium.Env[Any, Any]) -> TaskSpec:
         # A reset may draw, and an OpenGL context opened before workers are forked is of no use to them: where
         # the space alone says how to read an observation, a sample of it will do.
         observation = env.observation_space.sample() if self.read is None else env.reset()[0]
+        reader = self.reader(env)
+        with asking(self.name, "read"):
+            seen = reader(observation)
+        if self.max_steps is None and not (env.spec and env.spec.max_episode_steps):
+            raise ArgumentError(f"`max_steps`: expected a number, as {self.name} registers none, got None")
         spec = read_spec(
             env,
             observation,
-            reader=self.reader(env),
+            reader=lambda _: seen,
             max_episode_steps=self.max_steps,
             num_goals=None if self.goals is None else len(self.goals),
             interactions=self.interactions,
-            success_reward=self.success_reward,
+            success_reward=self.reward.of(Outcome.SUCCESS) if self.reward else self.success_reward,
         )
         self._check_names(env, spec)
         doer(env.action_space)  # refuses what no policy can express
+        self._check_moves(spec)
+        if self.moves is not None:
+            spec = replace(spec, moves={action: motion.pose_change for action, motion in self.moves.items()})
         if len(spec.frame_shape) == 2:
             # What embeds frames wants channels: a grey picture has one.
             return replace(spec, frame_shape=(*spec.frame_shape, 1))
         return spec
 
     def _check_names(self, env: gymnasium.Env[Any, Any], spec: TaskSpec) -> None:
-        beyond = max(self.interactions, default=0)
-        if beyond >= spec.num_actions:
-            raise ArgumentError(f"`interactions`: expected actions below {spec.num_actions}, got {beyond}")
+        named = {"interactions": self.interactions, "keys": self.keys.values()}
+        for name, actions in named.items():
+            beyond = max(actions, default=0)
+            if beyond >= spec.num_actions:
+                raise ArgumentError(f"`{name}`: expected actions below {spec.num_actions}, got {beyond}")
         told = _classes(env.observation_space, "interaction")
         if told is not None and told > max(1, spec.num_interactions):
             raise ArgumentError(
@@ -284,6 +382,16 @@ class Task:
             raise ArgumentError(
                 f"`goals`: expected {told} names, one a goal class of {self.name}, got {len(self.goals)}"
             )
+
+    def _check_moves(self, spec: TaskSpec) -> None:
+        for action, move in (self.moves or {}).items():
+            if spec.action_dim or not 0 <= action < spec.num_actions:
+                numbers = 0 if spec.action_dim else spec.num_actions
+                raise ArgumentError(f"`moves`: expected one of {numbers} numbered actions, got {action}")
+            if not isinstance(move, Move | Turn) or not np.isfinite(move.pose_change).all():
+                raise ArgumentError(
+                    f"`moves`: expected a Move or a Turn by a finite number for action {action}, got {move}"
+                )
 
     def goal_name(self, label: int) -> str:
         """A goal class for people."""
@@ -374,6 +482,22 @@ def _classes(space: spaces.Space[Any], entry: str) -> int | None:
 def _stored(dtype: np.dtype[Any]) -> np.dtype[Any]:
     """The type in which a buffer keeps numbers of this one."""
     return np.dtype(np.uint8) if dtype == np.bool_ else dtype
+
+
+def _can_render(make: str | Callable[..., Any]) -> bool:
+    """Whether what makes an environment takes ``render_mode="rgb_array"``."""
+    if isinstance(make, str):
+        import gymnasium
+        from gymnasium.envs.registration import load_env_creator
+
+        module, _, name = make.rpartition(":")
+        if module:
+            import_module(module)
+        entry = gymnasium.spec(name).entry_point
+        creator = load_env_creator(entry) if isinstance(entry, str) else entry
+        return "rgb_array" in getattr(creator, "metadata", {}).get("render_modes", ())
+    found = signature(make).parameters
+    return "render_mode" in found or any(one.kind is Parameter.VAR_KEYWORD for one in found.values())
 
 
 def _entry(observation: Any, entry: str | Callable[[Any], Any]) -> Any:

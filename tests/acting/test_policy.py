@@ -42,7 +42,7 @@ def test_of_a_checkpoint_agent_and_goals_alone_are_read(run: Path, tmp_path: Pat
     state, store = load_checkpoint(run)
     (tmp_path / "config.yaml").write_bytes((run / "config.yaml").read_bytes())
     needed = {name: state["learner"][name] for name in ("agent", "prototypes")}
-    rest = {"progress": state["progress"]}
+    rest = {name: state[name] for name in ("progress", "settings")}
     save_checkpoint(tmp_path, 8, {"learner": needed, **rest}, store, keep=1)
     assert load_agent(tmp_path).trained_episodes == 8
     save_checkpoint(tmp_path, 9, {"learner": {"agent": needed["agent"]}, **rest}, store, keep=1)

@@ -16,6 +16,7 @@ from debug import DEBUG, debug_config
 
 from vhs.config import Config
 from vhs.errors import CheckpointError
+from vhs.runs.checkpoint import load_checkpoint, read_checkpoint, save_checkpoint
 from vhs.runs.directory import open_run
 from vhs.runs.rows import read_log
 from vhs.train import train
@@ -53,8 +54,7 @@ def checkpoint(run: Path, episode: int) -> Path:
 
 
 def load_state(run: Path, episode: int = EPISODES) -> dict[str, Any]:
-    state: dict[str, Any] = torch.load(checkpoint(run, episode) / "state.pt", weights_only=True)
-    return state
+    return read_checkpoint(checkpoint(run, episode))[0]
 
 
 def differences(a: Any, b: Any, where: str = "") -> list[str]:
@@ -187,7 +187,7 @@ def test_what_a_kill_left_half_written_is_removed(tmp_path: Path) -> None:
     train(configured("train.episodes=4"), run, StringIO())
     partial = run / "checkpoints" / ".partial-episode-000000008"
     partial.mkdir()
-    (partial / "state.pt").write_bytes(b"PK")
+    (partial / "state.json").write_bytes(b"{")
     (run / ".partial-7-log.jsonl").write_text("{")
     (run / "thesis.tmp").write_text("mine")
     with (run / "log.jsonl").open("a") as log:
@@ -217,9 +217,10 @@ def test_a_checkpoint_that_something_else_made_is_a_clear_error(
 ) -> None:
     run = tmp_path / "run"
     shutil.copytree(straight, run)
-    state = load_state(run)
+    state, goal_store = load_checkpoint(run)
     damage(state)
-    torch.save(state, checkpoint(run, EPISODES) / "state.pt")
+    shutil.rmtree(checkpoint(run, EPISODES))
+    save_checkpoint(run, EPISODES, state, goal_store, keep=2)
     before = (run / "log.jsonl").read_bytes()
     with pytest.raises(CheckpointError, match=message):
         train(configured("train.episodes=120"), run, StringIO())

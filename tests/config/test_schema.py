@@ -82,7 +82,10 @@ def test_the_paper_overlay_switches_departures_of_the_method_off() -> None:
         ("train.learning_rate=.nan", r"train.learning_rate: expected"),
         ("train.episodes=-1", r"train.episodes: expected greater than or equal to 1, found -1"),
         ("train.episodes=2.5", r"train.episodes: expected integer"),
-        ("task=task4", r"task: expected 'task1', 'task2' or 'task3', found 'task4'"),
+        (
+            "task=task4",
+            r"task: expected 'task1', 'task2', 'task3', a file such as mine.py, or package.* found 'task4'",
+        ),
         ("model.channels=[]", r"model.channels: .*at least 1"),
         ("method.warmup=100000", r"method.warmup: expected at most method.goal_capacity = 500, found 100000"),
         ("method.name=dqn", r"method.name: expected 'a3c', 'gdan', 'gcsl', 'pg' or 'vhs', found 'dqn'"),

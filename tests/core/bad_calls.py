@@ -26,7 +26,6 @@ from .bad_world import (
     posed_canvas,
     push,
     raster_canvas,
-    raster_geom,
     raster_mesh,
     raster_texture,
     read_only,
@@ -412,7 +411,12 @@ BAD_CALLS: list[tuple[type[Exception], str, Call]] = [
         lambda _: vhs.Rng.from_state(np.ones(2, np.uint64)),
     ),
     # The renderer
-    (vhs.UnsupportedError, "not drawn by this renderer: geom type 9", raster_geom(9)),
+    (
+        vhs.UnsupportedError,
+        "not drawn by this renderer: geom type 9",
+        lambda _: new_canvas(kind=9).take(1, 0),
+    ),
+    (vhs.ShapeError, "expected shape [2, bytes]", lambda _: new_canvas().take(2, 0)),
     (
         vhs.ShapeError,
         "`texture`: expected shape [height, width, channels], got [2, 3]",

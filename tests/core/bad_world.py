@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 import vhs
-from vhs._core import RasterCanvas, RasterScene
+from vhs._core import RasterCanvas, RasterScene, RasterSource
 
 from .naive import FRAME_SHAPE
 from .test_episodes import make_buffer
@@ -107,33 +107,31 @@ def restore(**changes: object) -> Call:
 
 
 def new_scene() -> RasterScene:
-    """A scene with one ball."""
-    scene = RasterScene(8, 4, 1, 10.0)
-    add_geom(scene, 2)
-    return scene
+    return RasterScene(8, 4, 1, 10.0)
 
 
-def add_geom(scene: RasterScene, kind: int) -> None:
-    scene.add_geom(
-        kind=kind, size=[0.5] * 3, mesh=-1, rgba=[1.0] * 4, gloss=[0.0] * 3, is_mirror=False, texture=-1,
-        repeat=[1.0] * 2, is_uniform=False, tag=[0, 5],
+def new_source(kind: int = 2) -> RasterSource:
+    """One geom of this type, of which nothing else is known, and no light."""
+    flags = np.zeros(12, np.uint8)
+    flags[10] = 1  # cull faces
+    return RasterSource(
+        geoms=np.array([[kind]], np.int32).view(np.uint8), geom_places=[0, *[None] * 19],
+        lights=np.zeros((0, 4), np.uint8), light_places=[None] * 12, flags=flags, geom_size=np.zeros((1, 3)),
+        mat_texid=np.zeros((0, 10), np.int32), mat_texuniform=np.zeros(0, np.uint8),
+        mat_texrepeat=np.zeros((0, 2), np.float32), textures=[], meshes=[], line_width=1.0,
     )  # fmt: skip
 
 
-def new_canvas(height: int = 5) -> RasterCanvas:
-    return RasterCanvas(new_scene(), 1, [], height, 5, 0)
+def new_canvas(height: int = 5, kind: int = 2) -> RasterCanvas:
+    return RasterCanvas(new_scene(), new_source(kind), height, 5, 0)
 
 
 def posed_canvas(x: float) -> RasterCanvas:
     """A canvas that is bound to a simulation of one ball at `x` and one camera."""
     at, turned, none = np.array([[x, 0.0, 0.0]]), np.eye(3).reshape(1, 9), np.zeros((0, 3))
     canvas = new_canvas()
-    canvas.bind(at, turned, none, np.zeros((0, 9)), none, none, np.zeros((1, 3)), turned)
+    canvas.bind(at, turned, none, np.zeros((0, 9)), np.zeros((1, 3)), turned)
     return canvas
-
-
-def raster_geom(kind: int) -> Call:
-    return lambda _: add_geom(new_scene(), kind)
 
 
 def raster_texture(data: np.ndarray) -> Call:

@@ -6,11 +6,11 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
-import torch
 
 from vhs.acting.policy import Policy, load_agent
 from vhs.config import load_config
-from vhs.runs.checkpoint import newest_checkpoint
+from vhs.errors import CheckpointError
+from vhs.runs.checkpoint import newest_checkpoint, read_checkpoint
 from vhs.runs.reader import read_run
 from vhs.train import train
 
@@ -25,16 +25,18 @@ def digest(trained: Policy) -> str:
     return content.hexdigest()[:16]
 
 
-def test_a_run_is_read() -> None:
-    run = read_run(HERE / "run-1")
-    assert (run.name, run.config.task, run.config.model.channels) == ("run-1", "task2", (2, 2, 2, 2))
+@pytest.mark.parametrize("name", ["run-1", "run-2"])
+def test_a_run_is_read(name: str) -> None:
+    run = read_run(HERE / name)
+    assert (run.name, run.config.task, run.config.model.channels) == (name, "task2", (2, 2, 2, 2))
     assert [(row["episodes"], row["env_steps"]) for row in run.rows] == [(12, 159), (24, 315)]
     assert [(entry["success"], entry["spl"]) for entry in run.evaluations] == [(0.125, 0.09375)]
-    assert run.made_by["commit"] == "6ec4a1689e8e"
+    assert run.made_by["version"] == "0.1.0"
+    assert run.has_checkpoint
 
 
-@pytest.mark.parametrize("name", ["run-1", "agent-1"])
-def test_an_agent_is_loaded_from_a_run_and_from_an_export(name: str) -> None:
+@pytest.mark.parametrize("name", ["run-2", "agent-1"])
+def test_an_agent_is_loaded(name: str) -> None:
     trained = load_agent(HERE / name)
     assert trained.trained_episodes == 24
     assert digest(trained) == "d62b527027abcb84"
@@ -42,9 +44,20 @@ def test_an_agent_is_loaded_from_a_run_and_from_an_export(name: str) -> None:
     assert trained.goals.prototypes.table[0, :3] == pytest.approx([-1.238749, 1.254369, 0.775483], abs=1e-6)
 
 
-def test_a_run_goes_on(tmp_path: Path) -> None:
+def test_a_checkpoint_is_gone_on_from(tmp_path: Path) -> None:
+    run = shutil.copytree(HERE / "run-2", tmp_path / "run")
+    assert train(load_config([run / "config.yaml"], ["train.episodes=28"]), run, StringIO())
+    assert newest_checkpoint(run) == 28
+    # The goal store of the file is part of it.
+    assert len(read_checkpoint(HERE / "run-2" / "checkpoints" / "episode-000000024")[1]) == 2
+
+
+def test_a_checkpoint_with_a_pickle_is_refused_by_name(tmp_path: Path) -> None:
     run = shutil.copytree(HERE / "run-1", tmp_path / "run")
-    config = load_config([run / "config.yaml"], ["train.episodes=32"])
-    torch.set_num_threads(1)
-    assert train(config, run, StringIO())
-    assert newest_checkpoint(run) == 32
+    before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
+    told = "expected a checkpoint of format vhs-checkpoint-2, found state.pt, which vhs up to 0.1.0 wrote"
+    with pytest.raises(CheckpointError, match=told):
+        load_agent(run)
+    with pytest.raises(CheckpointError, match=told):
+        train(load_config([run / "config.yaml"], ["train.episodes=32"]), run, StringIO())
+    assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before

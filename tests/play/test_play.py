@@ -19,7 +19,7 @@ from vhs.show.pictures import HEIGHT_PX, SIDE_PX, WIDTH_PX, draw
 
 def moments(run: Path, episodes: int) -> list[list[Moment]]:
     agent = load_agent(run)
-    env = make_env(agent.task, agent.spec, render_mode="rgb_array")
+    env = make_env(agent.task, agent.spec, rendering=True)
     played: list[list[Moment]] = [[]]
     for moment in play_moments(agent, env, islice(episode_seeds(0, purpose=1), episodes), 0, greedy=False):
         played[-1].append(moment)

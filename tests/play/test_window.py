@@ -45,7 +45,7 @@ def watched(task: Task) -> tuple[Task, list[RoomEnv]]:
     made: list[RoomEnv] = []
 
     def make(**kwargs: Any) -> gymnasium.Env[Any, Any]:
-        env = task.make(**kwargs)
+        env = gymnasium.make(task.make, **kwargs)
         made.append(env.unwrapped)
         return env
 

@@ -58,14 +58,26 @@ def shapes_model(samples: int = 0) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(SHAPES_XML.format(samples=samples))
 
 
+def plain(scene: mujoco.MjvScene) -> None:
+    """Switches shadows and reflections off."""
+    for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+        scene.flags[flag] = False
+
+
+def ours(model: mujoco.MjModel, height: int, width: int, antialias: str = "off") -> RasterRenderer:
+    """Our renderer without shadows and reflections."""
+    renderer = RasterRenderer(model, height, width, antialias=antialias)
+    plain(renderer.scene)
+    return renderer
+
+
 def reference(model: mujoco.MjModel, height: int, width: int) -> mujoco.Renderer:
     """MuJoCo's renderer without shadows and reflections; skips the test where there is no OpenGL."""
     try:
         renderer = mujoco.Renderer(model, height, width)
     except Exception as error:  # GL bindings raise what their platform happens to raise.
         pytest.skip(f"no OpenGL to compare with: {error}")
-    renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
-    renderer.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+    plain(renderer.scene)
     return renderer
 
 

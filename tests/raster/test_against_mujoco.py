@@ -8,11 +8,10 @@ import gymnasium
 import mujoco
 import numpy as np
 import pytest
-from raster_support import differences, random_camera, reference, scatter, shapes_model
+from raster_support import differences, ours, random_camera, reference, scatter, shapes_model
 
 import vhs.envs
 from vhs.envs.robot import CAMERA, COLLISION_GROUP, ROBOT_GROUP
-from vhs.raster import RasterRenderer
 
 COLOUR, SEGMENT, DISTANCE = 4.0, 0.01, 0.01
 """The differences allowed: mean of colours in 255ths, share of pixels, relative distance."""
@@ -34,7 +33,7 @@ def test_every_shape_texture_light_and_camera(antialias: str) -> None:
     model = shapes_model(samples=4 if antialias == "multisample" else 0)
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     expected = reference(model, 120, 160)
-    actual = RasterRenderer(model, 120, 160, antialias=antialias)
+    actual = ours(model, 120, 160, antialias)
     for turn in range(10):
         scatter(model, data, rng, 0.1 * (turn > 0))
         for camera in (-1, "fixed", "parallel", "lens", random_camera(rng, model)):
@@ -48,7 +47,7 @@ def test_planes_seen_from_below_are_nearly_clear(antialias: str) -> None:
     mujoco.mj_forward(model, data)
     camera.lookat[:], camera.distance = (0, 0, 0.4), 2
     expected = reference(model, 120, 160)
-    actual = RasterRenderer(model, 120, 160, antialias=antialias)
+    actual = ours(model, 120, 160, antialias)
     for camera.elevation in (20, 40, 60):
         assert_close(differences(expected, actual, data, camera))
 
@@ -60,7 +59,7 @@ def test_the_room_in_two_hundred_random_states() -> None:
     model, rng = env.world.model, np.random.default_rng(0)
     option = mujoco.MjvOption()
     option.geomgroup[:] = [group not in (COLLISION_GROUP, ROBOT_GROUP) for group in range(6)]
-    expected, actual = reference(model, 84, 84), RasterRenderer(model, 84, 84)
+    expected, actual = reference(model, 84, 84), ours(model, 84, 84)
     found = []
     for seed in range(200):
         env.reset(seed=seed)
@@ -76,7 +75,7 @@ def test_models_that_people_use(path: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(path))
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     expected = reference(model, 128, 128)
-    actual = RasterRenderer(model, 128, 128, antialias="multisample")
+    actual = ours(model, 128, 128, "multisample")
     for turn in range(4):
         scatter(model, data, rng, 0.1 * (turn > 0))
         for camera in (*range(-1, model.ncam), random_camera(rng, model)):
@@ -90,7 +89,7 @@ def test_a_tracking_camera() -> None:
     scatter(model, data, rng, 0.1)
     camera = random_camera(rng, model)
     camera.type, camera.trackbodyid = mujoco.mjtCamera.mjCAMERA_TRACKING, 3
-    assert_close(differences(reference(model, 96, 96), RasterRenderer(model, 96, 96), data, camera))
+    assert_close(differences(reference(model, 96, 96), ours(model, 96, 96), data, camera))
 
 
 def test_hidden_groups_and_static_bodies() -> None:
@@ -101,7 +100,7 @@ def test_hidden_groups_and_static_bodies() -> None:
     option = mujoco.MjvOption()
     option.geomgroup[2] = option.sitegroup[0] = 0
     option.flags[mujoco.mjtVisFlag.mjVIS_STATIC] = 0
-    expected, actual = reference(model, 96, 96), RasterRenderer(model, 96, 96)
+    expected, actual = reference(model, 96, 96), ours(model, 96, 96)
     assert_close(differences(expected, actual, data, "fixed", option))
     actual.enable_segmentation_rendering()
     shown = set(actual.render()[..., 0].ravel())

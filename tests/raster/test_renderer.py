@@ -90,21 +90,52 @@ def test_the_same_state_gives_the_same_bytes(model: mujoco.MjModel, data: mujoco
     assert all(np.array_equal(other, expected) for other in pictures)
 
 
-def test_a_batch_equals_its_single_pictures(model: mujoco.MjModel, renderer: RasterRenderer) -> None:
-    rng, datas = np.random.default_rng(2), [mujoco.MjData(model) for _ in range(3)]
+@pytest.mark.parametrize("mode", ["colour", "depth", "segmentation"])
+@pytest.mark.parametrize("threads", [1, 3])
+def test_a_batch_equals_its_single_pictures(model: mujoco.MjModel, mode: str, threads: int) -> None:
+    rng, datas = np.random.default_rng(2), [mujoco.MjData(model) for _ in range(40)]
     for data in datas:
         scatter(model, data, rng, 0.1)
-    batch = renderer.render_batch(datas, "fixed")
-    assert batch.shape == (3, 40, 56, 3)
-    for data, one in zip(datas, batch, strict=True):
-        assert np.array_equal(picture(renderer, data), one)
+    renderer, free = RasterRenderer(model, 20, 28), mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, free)
+    if mode != "colour":
+        getattr(renderer, f"enable_{mode}_rendering")()
+    cameras = ["fixed", "lens", free]
+    batch = renderer.render_batch(datas, cameras, threads=threads)
+    one = picture(renderer, datas[0], "fixed")
+    assert (batch.shape, batch.dtype) == ((40, 3, *one.shape), one.dtype)
+    for data, row in zip(datas, batch, strict=True):
+        for camera, found in zip(cameras, row, strict=True):
+            assert np.array_equal(picture(renderer, data, camera), found)
+    assert np.array_equal(renderer.render_batch(datas, "lens", threads=threads), batch[:, 1])
 
 
-def test_refresh_reads_the_model_again(data: mujoco.MjData) -> None:
+def test_a_batch_goes_into_any_array_of_its_shape(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    renderer = RasterRenderer(model, 20, 28)
+    expected = renderer.render_batch([data, data], ["fixed"])
+    for out in (np.zeros((2, 1, 20, 28, 3), np.float32), np.zeros((4, 1, 20, 28, 3), np.uint8)[::2]):
+        assert renderer.render_batch([data, data], ["fixed"], out=out) is out
+        assert np.array_equal(out, expected)
+    planar = renderer.render_batch([data, data], ["fixed"], out=np.zeros((2, 1, 3, 20, 28), np.uint8))
+    assert np.array_equal(planar, expected.transpose(0, 1, 4, 2, 3))
+    assert renderer.render_batch([], ["fixed"]).shape == (0, 1, 20, 28, 3)
+    with pytest.raises(ValueError, match=r"expected shape \(2, 20, 28, 3\), got \(1, 20, 28, 3\)"):
+        renderer.render_batch([data, data], "fixed", out=np.zeros((1, 20, 28, 3), np.uint8))
+
+
+def test_a_batch_that_fails_leaves_nothing_behind(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    renderer, lost = RasterRenderer(model, 20, 28), mujoco.MjData(model)
+    lost.geom_xpos[:] = np.nan
+    with pytest.raises(ValueError, match="pose of geom 0"):
+        renderer.render_batch([data, lost])
+    assert np.array_equal(renderer.render_batch([data], -1)[0], picture(renderer, data, -1))
+
+
+def test_refresh_reads_meshes_again(data: mujoco.MjData) -> None:
     model = shapes_model()
     renderer = RasterRenderer(model, 40, 56)
     before = picture(renderer, data)
-    model.site_rgba[0] = (1, 0, 0, 1)
+    model.mesh_vert[:] *= 2
     assert np.array_equal(picture(renderer, data), before)
     renderer.refresh()
     assert not np.array_equal(picture(renderer, data), before)
@@ -129,40 +160,45 @@ def test_unknown_cameras_are_refused(
         renderer.update_scene(data, camera)
 
 
-HFIELD = '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 1"/></asset>'
-REFUSED = {
-    "height field": f'{HFIELD}<worldbody><geom type="hfield" hfield="h"/></worldbody>',
-    "spatial tendon": """<worldbody><site name="a"/><body pos="0 0 1"><freejoint/><geom size=".1"/>
-        <site name="b"/></body></worldbody><tendon><spatial><site site="a"/><site site="b"/></spatial>
-        </tendon>""",
-    "range finder": '<worldbody><site name="a"/></worldbody><sensor><rangefinder site="a"/></sensor>',
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_what_is_not_drawn_is_named_at_construction(name: str) -> None:
-    model = mujoco.MjModel.from_xml_string(f"<mujoco>{REFUSED[name]}</mujoco>")
-    with pytest.raises(NotImplementedError, match=name):
-        RasterRenderer(model)
-
-
-def test_a_hidden_height_field_is_refused_when_it_is_shown() -> None:
-    xml = f'<mujoco>{HFIELD}<worldbody><geom type="hfield" hfield="h" group="4"/></worldbody></mujoco>'
-    model = mujoco.MjModel.from_xml_string(xml)
-    data, option = mujoco.MjData(model), mujoco.MjvOption()
-    mujoco.mj_forward(model, data)
-    renderer = RasterRenderer(model, 8, 8)
-    renderer.update_scene(data)
-    option.geomgroup[4] = 1
-    with pytest.raises(NotImplementedError, match="height field"):
-        renderer.update_scene(data, scene_option=option)
-
-
-def test_decorations_are_refused(renderer: RasterRenderer, data: mujoco.MjData) -> None:
+def test_text_is_refused(renderer: RasterRenderer, data: mujoco.MjData) -> None:
     option = mujoco.MjvOption()
-    option.flags[mujoco.mjtVisFlag.mjVIS_CONTACTPOINT] = 1
-    with pytest.raises(NotImplementedError, match="14"):
+    option.label = mujoco.mjtLabel.mjLABEL_GEOM
+    with pytest.raises(NotImplementedError, match="text labels"):
         renderer.update_scene(data, scene_option=option)
+    renderer.update_scene(data)
+    renderer.scene.geoms[0].label = "floor"
+    with pytest.raises(NotImplementedError, match="text labels"):
+        renderer.render()
+
+
+@pytest.mark.parametrize(
+    ("flag", "message"),
+    [("WIREFRAME", "wireframe"), ("ADDITIVE", "additive"), ("SEGMENT", "enable_segmentation_rendering")],
+)
+def test_flags_that_are_not_obeyed_are_refused(
+    renderer: RasterRenderer, data: mujoco.MjData, flag: str, message: str
+) -> None:
+    renderer.update_scene(data)
+    renderer.scene.flags[getattr(mujoco.mjtRndFlag, f"mjRND_{flag}")] = 1
+    with pytest.raises(NotImplementedError, match=message):
+        renderer.render()
+
+
+def test_the_flags_of_sky_and_haze_are_obeyed(data: mujoco.MjData) -> None:
+    model = shapes_model()
+    model.geom_size[0, :2] = 0
+    camera = mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, camera)
+    camera.elevation = -5
+    renderer = RasterRenderer(model, 40, 56)
+    pictures = []
+    for sky, haze in ((1, 1), (1, 0), (0, 1), (0, 0)):
+        flags = renderer.scene.flags
+        flags[mujoco.mjtRndFlag.mjRND_SKYBOX], flags[mujoco.mjtRndFlag.mjRND_HAZE] = sky, haze
+        pictures.append(picture(renderer, data, camera))
+    assert len({image.tobytes() for image in pictures}) == 3, "there is no haze without a sky"
+    without = RasterRenderer(model, 40, 56, has_sky=False)
+    assert np.array_equal(pictures[2], picture(without, data, camera))
 
 
 def test_a_closed_renderer_says_so(renderer: RasterRenderer, data: mujoco.MjData) -> None:

@@ -10,6 +10,7 @@ import pytest
 from vhs.cli import main
 from vhs.errors import CheckpointError
 from vhs.report import report
+from vhs.runs.checkpoint import load_checkpoint, save_checkpoint
 
 SECTIONS = (
     "curves",
@@ -101,13 +102,10 @@ def test_a_run_without_checkpoint_says_what_is_missing(bare: Path, tmp_path: Pat
 
 
 def test_a_store_that_is_not_warm_is_named(runs: Path, tmp_path: Path) -> None:
-    import torch
-
     shutil.copytree(runs / "seed0", tmp_path / "run")
-    state_file = max((tmp_path / "run").glob("checkpoints/*/state.pt"))
-    state = torch.load(state_file, weights_only=True)
+    state, goal_store = load_checkpoint(tmp_path / "run")
     state["learner"]["prototypes"]["seen"].zero_()
-    torch.save(state, state_file)
+    save_checkpoint(tmp_path / "run", 121, state, goal_store, keep=1)
     page = parse(report(tmp_path / "run", tmp_path / "page.html", episodes=1))
     assert re.search(r"store holds \d+ images and prototypes start at 2", section_text(page, "prototypes"))
     assert "Not shown" not in section_text(page, "goals")

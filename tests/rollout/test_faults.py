@@ -134,7 +134,7 @@ def test_a_death_is_noticed_within_10_ms_while_the_others_go_on() -> None:
             deaths = pool._end.take_deaths()
             delays.append(time.perf_counter() - before)
             assert deaths == [(0, False)]
-            pool._replace(0, was_overdue=False, during_call=False)
+            pool._crew.replace(0, was_overdue=False, again=True)
             # The other one is served while the new process starts.
             pool.send([0], [1])
             ids = pool.recv(1, timeout=10).env_ids.tolist()
@@ -165,7 +165,7 @@ def test_a_pool_goes_on_after_a_call_was_interrupted(monkeypatch: pytest.MonkeyP
         pool.reset()
         pool.recv()
         with monkeypatch.context() as patch:
-            patch.setattr(pool, "_attend", interrupt)
+            patch.setattr(pool._news, "_attend", interrupt)
             with pytest.raises(KeyboardInterrupt):
                 pool.call("answer", dies=False)
         assert pool.num_under_way == 4

@@ -272,30 +272,56 @@ class WrongShape(Ledger):
         return super().observe() | {"bytes": np.zeros(3, np.uint8)}
 
 
-def test_an_info_that_is_too_large_is_an_error_that_says_so() -> None:
-    with RolloutPool(Verbose, 1, info_bytes=4096) as pool:
-        pool.reset()
+def test_infos_larger_than_their_room_arrive_whole_and_leave_no_memory_behind() -> None:
+    with RolloutPool(Verbose, 1, 2, info_bytes=4096) as pool:
+        pool.reset(seeds=[4, 9])  # of six steps
         pool.recv()
-        pool.send([3000])
-        assert len(pool.recv().infos[0]["long"]) == 3000
-        pool.send([5000])
-        with pytest.raises(ValueError, match=r"info_bytes: expected .* info of 5\d+ bytes, found 4096"):
-            pool.recv()
+        for sizes in ([3000, 5000], [9000, 8000], [10, 9999], [4000, 4100]):
+            pool.send(sizes)
+            infos = pool.recv().infos
+            assert [len(infos[row]["long"]) for row in range(2)] == [1000 * size for size in sizes]
+        pool.send([1, 1])
+        pool.recv()
+        assert memory_of_files() < 1 << 20
+
+
+def memory_of_files() -> int:
+    """Bytes that this process's nameless files take."""
+    files = [Path(f"/proc/self/fd/{number}") for number in os.listdir("/proc/self/fd")]
+    found = [file for file in files if "vhs-rollout-overflow" in str(file.resolve(strict=False))]
+    assert found
+    return sum(file.stat().st_blocks * 512 for file in found)
 
 
 class Verbose(Ledger):
     action_space = gym.spaces.Discrete(10_000)
 
     def step(self, action: Any) -> Any:
-        return *super().step(action)[:4], {"long": "x" * int(action)}
+        return *super().step(action)[:4], {"long": "x" * 1000 * int(action)}
 
 
-def test_options_that_are_too_large_are_an_error_that_says_so() -> None:
-    with RolloutPool(Ledger, 1, info_bytes=4096) as pool:
-        pool.reset(options={"long": "x" * 3900})
-        assert len(pool.recv().infos[0]["options"]["long"]) == 3900
-        with pytest.raises(ArgumentError, match="info_bytes"):
-            pool.reset(options={"long": "x" * 5000})
+def test_options_calls_and_errors_larger_than_their_room_arrive_whole() -> None:
+    with RolloutPool(Loud, 1, 2, info_bytes=4096) as pool:
+        pool.reset(options={"long": "x" * 50_000})
+        assert [len(info["options"]["long"]) for info in pool.recv().infos.values()] == [50_000] * 2
+        assert pool.call("echo", "y" * 60_000) == ("y" * 60_000,) * 2
+        assert [len(frames) for frames in pool.call("film")] == [20] * 2
+        pool.send([999, 0])
+        with pytest.raises(ValueError, match="x" * 30_000):
+            pool.recv()
+
+
+class Loud(Ledger):
+    def echo(self, text: str) -> str:
+        return text
+
+    def film(self) -> list[np.ndarray]:
+        return [np.zeros((400, 600, 3), np.uint8)] * 20
+
+    def step(self, action: Any) -> Any:
+        if action == 999:
+            raise ValueError("x" * 30_000)
+        return super().step(action)
 
 
 def test_a_timeout_loses_nothing() -> None:
@@ -306,16 +332,6 @@ def test_a_timeout_loses_nothing() -> None:
         with pytest.raises(TimeoutError):
             pool.recv(timeout=0.05)
         assert pool.recv(timeout=10).steps.tolist() == [1]
-
-
-def test_a_space_without_a_fixed_size_is_refused() -> None:
-    with pytest.raises(TypeError, match=r"observation space: expected Box.*got Text"):
-        RolloutPool(Talking, 1)
-
-
-class Talking(gym.Env):
-    observation_space = gym.spaces.Text(5)
-    action_space = gym.spaces.Discrete(2)
 
 
 def test_close_ends_everything_and_may_be_repeated() -> None:

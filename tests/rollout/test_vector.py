@@ -1,10 +1,13 @@
 """The gymnasium face equals gymnasium's own, step for step."""
 
+import multiprocessing
+import time
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.error import AlreadyPendingCallError, ClosedEnvironmentError, NoAsyncCallError
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from rollout_envs import Floats, Ledger, Misbehaved
 
@@ -139,3 +142,109 @@ def test_a_cut_episode_appears_as_truncated(mode: str, tmp_path: Any) -> None:
 def test_a_size_that_changes_is_refused() -> None:
     with pytest.raises(ArgumentError, match="keeps its size"):
         RolloutVectorEnv(Floats, 1, on_error="drop")
+
+
+def test_a_call_in_two_parts_equals_one_and_out_of_order_it_is_refused() -> None:
+    with RolloutVectorEnv(cart_pole, 2, 1) as ours, RolloutVectorEnv(cart_pole, 2, 1) as other:
+        with pytest.raises(NoAsyncCallError, match="`reset_wait` without any prior call to `reset_async`"):
+            ours.reset_wait()
+        ours.reset_async(seed=3)
+        assert_same(ours.reset_wait(), other.reset(seed=3))
+        ours.step_async(np.array([0, 1]))
+        with pytest.raises(
+            AlreadyPendingCallError, match="`reset_async` while waiting for a pending call to `step`"
+        ):
+            ours.reset_async()
+        with pytest.raises(NoAsyncCallError, match="`reset_wait`"):
+            ours.reset_wait()
+        assert_same(ours.step_wait(timeout=20), other.step(np.array([0, 1])))
+        with pytest.raises(NoAsyncCallError, match="`step_wait`"):
+            ours.step_wait()
+
+
+def test_a_step_whose_time_is_over_is_still_pending() -> None:
+    with RolloutVectorEnv(Patient, 1, 2) as env:
+        env.reset(seed=0)
+        env.step_async([1, 2])
+        for error in (TimeoutError, multiprocessing.TimeoutError):
+            with pytest.raises(error, match=r"expected 2 environments to answer within 0\.01 s"):
+                env.step_wait(timeout=0.01)
+        assert env.step_wait()[1].tolist() == [1.0, 2.0]
+
+
+class Patient(Ledger):
+    def step(self, action: Any) -> Any:
+        time.sleep(0.3)
+        return super().step(action)
+
+
+def test_a_vector_that_closes_with_a_pending_call_says_so() -> None:
+    env = RolloutVectorEnv(Patient, 1, 2)
+    env.reset(seed=0)
+    env.step_async([1, 2])
+    with pytest.warns(UserWarning, match="Calling `close` while waiting for a pending call to `step`"):
+        env.close(terminate=True)
+    with pytest.raises(ClosedEnvironmentError):
+        env.reset()
+    env.close()
+
+
+def test_an_error_of_one_environment_leaves_the_vector_of_use(tmp_path: Any) -> None:
+    fns = [lambda: Misbehaved("raise", tmp_path, 1), Ledger]
+    with RolloutVectorEnv(fns, 2, 1) as env:
+        env.reset(seed=4)
+        env.step([0, 0])
+        with pytest.raises(ZeroDivisionError, match="a deed"):
+            env.step([0, 0])
+        assert env.pool.num_under_way == 0
+        env.reset(seed=4)
+        assert env.step([0, 3])[1].tolist() == [0.0, 3.0]
+
+
+def test_generators_and_their_seeds_are_those_of_the_environments() -> None:
+    with RolloutVectorEnv(cart_pole, 1, 3) as env:
+        env.reset(seed=42)
+        assert env.np_random_seed == (42, 43, 44)
+        drawn = [generator.random() for generator in env.np_random]
+        assert drawn == [generator.random() for generator in env.np_random], "copies"
+        assert len(set(drawn)) == 3
+
+
+@pytest.mark.parametrize(
+    ("mask", "error", "message"),
+    [
+        ([True, False], TypeError, "must be a numpy array, got <class 'list'>"),
+        (np.array([True]), ValueError, r"must have shape `\(2,\)`, got \(1,\)"),
+        (np.array([1, 0]), TypeError, "must have `dtype=np.bool_`, got int64"),
+        (np.array([False, False]), ValueError, "at least one True value"),
+    ],
+)
+def test_a_mask_is_refused_in_gymnasiums_words(mask: Any, error: type[Exception], message: str) -> None:
+    with RolloutVectorEnv(cart_pole, 1, 2, autoreset_mode="Disabled") as env:
+        env.reset()
+        with pytest.raises(error, match=message):
+            env.reset(options={"reset_mask": mask})
+
+
+class Painter(Ledger):
+    """Renders frames that need more room than an info has."""
+
+    metadata = {"render_modes": ["rgb_array", "rgb_array_list"], "render_fps": 30}  # noqa: RUF012
+
+    def __init__(self, render_mode: str) -> None:
+        self.render_mode = render_mode
+
+    def render(self) -> Any:
+        frame = np.full((400, 600, 3), self.steps, np.uint8)
+        return frame if self.render_mode == "rgb_array" else [frame] * 5
+
+
+def test_frames_of_any_size_are_rendered_at_default_settings() -> None:
+    for mode, shape in (("rgb_array", (400, 600, 3)), ("rgb_array_list", (5, 400, 600, 3))):
+        with RolloutVectorEnv(lambda mode=mode: Painter(mode), 2, 2) as env:
+            env.reset(seed=3)
+            for step in range(3):
+                frames = np.asarray(env.render())
+                assert frames.shape == (4, *shape)
+                assert (frames == step).all()
+                env.step([0] * 4)

@@ -54,6 +54,26 @@ def test_a_torn_last_line_is_left_out_and_then_cleaned(tmp_path: Path) -> None:
     assert [one["episodes"] for one in read_log(tmp_path)] == [10, 20]
 
 
+@pytest.mark.parametrize("left", [0, 1])
+def test_a_log_that_was_emptied_or_shortened_is_noticed(left: int, tmp_path: Path) -> None:
+    write(tmp_path, 0, row(10), row(20))
+    path = tmp_path / "log.jsonl"
+    shortened = b"".join(path.read_bytes().splitlines(keepends=True)[:left])
+    path.write_bytes(shortened)
+    with pytest.raises(
+        CheckpointError, match=f"expected rows up to episode 20, .* found them up to {10 * left}"
+    ):
+        write(tmp_path, 20, row(30))
+    assert path.read_bytes() == shortened
+
+
+def test_a_log_that_was_moved_away_is_said_and_begun_anew(tmp_path: Path) -> None:
+    write(tmp_path, 0, row(10))
+    (tmp_path / "log.jsonl").unlink()
+    assert "is gone; the log goes on behind episode 10" in write(tmp_path, 10, row(20))
+    assert [one["episodes"] for one in read_log(tmp_path)] == [20]
+
+
 @pytest.mark.parametrize("line", [b'{"episodes": 2', b"[1]", b"{}", b"", b"\xff\xfe"])
 def test_a_damaged_line_is_named(line: bytes, tmp_path: Path) -> None:
     write(tmp_path, 0, row(10), row(20))

@@ -1,7 +1,10 @@
 """Exported agents: what they keep of a run, that they act as it does, and files that cannot be loaded."""
 
 import json
+import shlex
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
@@ -82,8 +85,7 @@ def test_the_directory_says_what_trained_the_agent(run: Path, exported: Path) ->
     assert meta["trained_episodes"] == 24
     assert meta["command"] == trained["command"]
     assert meta["exported"]["version"]
-    policy = load_agent(run)
-    metadata = read_agent(exported / "agent.safetensors", policy.agent, policy.goals)
+    metadata = read_agent(exported / "agent.safetensors").about
     assert metadata["trained_episodes"] == "24"
     assert (metadata["command"], metadata["commit"]) == (trained["command"], trained["commit"] or "")
 
@@ -91,11 +93,13 @@ def test_the_directory_says_what_trained_the_agent(run: Path, exported: Path) ->
 def test_eval_takes_an_exported_agent_as_it_takes_a_run(
     run: Path, exported: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    told = []
+    told, before = [], sorted(path.name for path in exported.iterdir())
     for path in (run, exported, exported):
         assert main(["eval", str(path), "--episodes", "12", "--seed", "3", "--json"]) == 0
         told.append(json.loads(capsys.readouterr().out))
     assert told[1] == told[2]
+    assert sorted(path.name for path in exported.iterdir()) == before, "a shipped agent stays as it is"
+    assert (run / "eval.json").exists()
     assert told[0].keys() == told[1].keys()
     for name in ("episodes", "seed", "trained_episodes", "optimal_steps"):
         assert told[0][name] == told[1][name], name
@@ -125,7 +129,7 @@ def test_what_float16_cannot_hold_stays_as_it_is(run: Path, tmp_path: Path) -> N
     policy.agent.state_dict()["extractor.convolutions.1.running_var"][0] = 1e6
     path = tmp_path / "agent.safetensors"
     path.write_bytes(encode_agent(policy.agent, policy.goals, {}))
-    read_agent(path, again.agent, again.goals)
+    read_agent(path).load(again.agent, again.goals)
     assert again.agent.state_dict()["extractor.convolutions.1.running_var"][0] == 1e6
 
 
@@ -158,6 +162,23 @@ def test_a_run_of_a_device_that_is_not_here_acts_on_the_cpu(tmp_path: Path, run:
     loaded = load_agent(copy)
     assert loaded.config.train.device == "cpu"
     assert not loaded.agent.training
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [("gamma: 0.95", "gamma: 0.94", "train.gamma"), ("renderer: raster", "renderer: mujoco", "env.renderer")],
+)
+def test_a_configuration_that_changed_since_the_checkpoint_is_refused(
+    old: str, new: str, key: str, run: Path, tmp_path: Path
+) -> None:
+    copy = shutil.copytree(run, tmp_path / "run")
+    text = (copy / "config.yaml").read_text()
+    assert old in text
+    (copy / "config.yaml").write_text(text.replace(old, new))
+    with pytest.raises(
+        CheckpointError, match=rf"config\.yaml: has other values of {key} than the checkpoint"
+    ):
+        load_agent(copy)
 
 
 def truncate(path: Path) -> None:
@@ -218,7 +239,7 @@ def test_a_missing_tensor_is_named(missing: str, run: Path, tmp_path: Path) -> N
     lacking = (SimpleNamespace(state_dict=lambda it=fewer[key]: it) for key in ("agent", "prototypes"))
     path.write_bytes(encode_agent(*lacking, {}))
     with pytest.raises(CheckpointError, match=rf"`{missing}`: expected shape \[\d+\], found none"):
-        read_agent(path, policy.agent, policy.goals)
+        read_agent(path).load(policy.agent, policy.goals)
 
 
 def test_no_run_no_directory(run: Path, exported: Path, tmp_path: Path) -> None:
@@ -249,6 +270,24 @@ def test_an_exported_agent_is_no_run_to_train_on(exported: Path) -> None:
     with pytest.raises(CheckpointError, match="holds an exported agent, which cannot train on"):
         train(configured(), exported, StringIO())
     assert (exported / "run.json").read_bytes() == before
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="namespaces are of Linux")
+def test_an_agent_goes_into_a_mounted_volume(exported: Path, tmp_path: Path) -> None:
+    code = (
+        "import os, sys; from pathlib import Path; from vhs.runs.files import write_files; "
+        "device = os.stat(sys.argv[1]).st_dev; assert device != os.stat(sys.argv[1] + '/..').st_dev; "
+        "write_files(Path(sys.argv[1]), {'agent.safetensors': b'1', 'config.yaml': '2'}); "
+        "print(sorted(os.listdir(sys.argv[1])), os.stat(sys.argv[1]).st_dev == device)"
+    )
+    command = shlex.join([sys.executable, "-c", code, str(tmp_path)])
+    mounted = f"mount -t tmpfs tmpfs {tmp_path} && exec {command}"
+    done = subprocess.run(
+        ["unshare", "-rm", "sh", "-c", mounted], capture_output=True, text=True, timeout=120
+    )
+    if "unshare" in done.stderr or "mount" in done.stderr:
+        pytest.skip("no user namespaces here")
+    assert done.stdout == "['agent.safetensors', 'config.yaml'] True\n", done.stderr
 
 
 def test_export_tells_where_and_how_large(

@@ -19,6 +19,7 @@ from vhs.cli import main
 from vhs.errors import CheckpointError
 from vhs.eval import read_evaluations
 from vhs.learning.terms import TERMS, Forward, Term
+from vhs.runs.checkpoint import load_checkpoint
 from vhs.runs.rows import read_log
 from vhs.train import train
 
@@ -49,8 +50,7 @@ def test_same_seed_same_weights(tmp_path: Path) -> None:
     weights = []
     for name in "ab":
         train(debug_config("train.episodes=40"), tmp_path / name, StringIO())
-        checkpoint = tmp_path / name / "checkpoints" / "episode-000000040" / "state.pt"
-        weights.append(torch.load(checkpoint, weights_only=True)["learner"]["agent"])
+        weights.append(load_checkpoint(tmp_path / name)[0]["learner"]["agent"])
     for name, value in weights[0].items():
         assert torch.equal(value, weights[1][name]), name
 
@@ -119,7 +119,7 @@ def test_a_run_that_diverges_says_so_and_keeps_its_checkpoint(
     assert {path: path.read_bytes() for path in (run / "checkpoints").rglob("*") if path.is_file()} == kept
 
 
-@pytest.mark.parametrize("victim", ["state.pt", "goals.vhs"])
+@pytest.mark.parametrize("victim", ["state.json", "state.safetensors", "goals.vhs", "manifest.json"])
 @pytest.mark.parametrize("damage", ["truncate", "flip", "remove"])
 def test_a_damaged_checkpoint_is_an_error_that_names_it(
     victim: str, damage: str, short: Path, tmp_path: Path
@@ -158,7 +158,7 @@ def test_what_cannot_run_is_refused_before_anything_is_written(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_saves_and_the_same_command_resumes(
     kind: signal.Signals, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -185,6 +185,30 @@ def test_a_signal_saves_and_the_same_command_resumes(
     assert read_log(run)[-1]["episodes"] == stopped
     assert main([*arguments, f"train.episodes={stopped + 40}"]) == 0
     assert read_log(run)[-1]["episodes"] == stopped + 40
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="worker processes need Linux")
+def test_a_signal_is_heard_while_a_worker_hangs(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    arguments = ["train", "--config", str(CONFIGS / "debug.yaml"), "--out", str(run)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "vhs.cli", *arguments, "--set", "train.episodes=100000"],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + 60
+    while len(read_log(run)) < 1 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    for child in children:
+        os.kill(int(child), signal.SIGSTOP)
+    time.sleep(1)
+    process.send_signal(signal.SIGTERM)
+    told, _ = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "the same command resumes" in told
+    assert not any(Path(f"/proc/{child}").exists() for child in children)
 
 
 def test_eval_prints_rates_and_spl(short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,11 +1,13 @@
 """An environment in the words of its task: what steps it and what learns from it need no others.
 
 Reading and judging happen where the environment is, in a worker where there are workers: what travels is a
-frame, two numbers and, at the end of an episode, its outcome.
+frame, two numbers and, at the end of an episode, its outcome. Whatever a task answers is checked here, so
+that an error names the field of the `Task` that it comes from.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, SupportsFloat
 
 import gymnasium
@@ -13,8 +15,10 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import DTypeLike, NDArray
 
+from vhs._core import ArgumentError
 from vhs.actions import doer, shown_space
-from vhs.task import Task, TaskSpec
+from vhs.asking import asking
+from vhs.task import Outcome, Seen, Task, TaskSpec, default_outcome
 
 
 class TaskEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -22,15 +26,16 @@ class TaskEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     Where goals are pictures or vectors there is a `desired_goal`, and with vectors an `achieved_goal`. `info`
     is empty until an episode ends; then it holds `outcome`, an `Outcome`, and, for evaluation alone,
-    `reached`, the goal class that was reached (-1: none), where the task says it. An episode is truncated
-    where a limit cut it off that is no part of the task (`Task.limit_ends`).
+    `reached`, the goal class that was reached (-1: none), and `metrics`, numbers by name, where the task says
+    them. The reward is the task's own where it has one. An episode ends at the task's longest; it is
+    truncated where a limit cut it off that is no part of the task (`Task.limit_ends`).
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], task: Task, spec: TaskSpec) -> None:
         """Wrap an environment of a task."""
         super().__init__(env)
-        self._task = task
-        self._spec = spec
+        self._task, self._spec = task, spec
+        self._steps = 0
         self._read = task.reader(env)
         self._doing = doer(env.action_space)
         entries: dict[str, spaces.Space[Any]] = {
@@ -50,32 +55,68 @@ class TaskEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Begin an episode; the info is empty."""
         observation, _ = self.env.reset(seed=seed, options=options)
+        self._steps = 0
         return self._told(observation), {}
 
     def step(self, action: Any) -> tuple[dict[str, Any], SupportsFloat, bool, bool, dict[str, Any]]:
         """Take a step, and judge it where it was the last."""
         observation, reward, terminated, truncated, info = self.env.step(self._doing(action))
-        end: dict[str, Any] = {}
-        if terminated or truncated:
-            end["outcome"] = self._task.judge(float(reward), terminated, truncated, info)
-            if self._task.reached is not None:
-                end["reached"] = self._task.reached(info)
-            terminated = terminated or self._task.limit_ends
-        return self._told(observation), reward, terminated, truncated and not terminated, end
+        self._steps += 1
+        truncated = truncated or (self._steps >= self._spec.max_episode_steps and not terminated)
+        is_over = terminated or truncated
+        end = self._end(float(reward), bool(terminated), bool(truncated), info) if is_over else {}
+        if self._task.reward is not None:
+            reward = self._task.reward.of(end.get("outcome"))
+        terminated = bool(terminated or (is_over and self._task.limit_ends))
+        return self._told(observation), reward, terminated, bool(truncated) and not terminated, end
+
+    def _end(self, reward: float, terminated: bool, truncated: bool, info: dict[str, Any]) -> dict[str, Any]:
+        """What is said of an episode by its last step."""
+        task = self._task
+        with asking(self._task.name, "judge"):
+            outcome = task.judge(reward, terminated, truncated, info)
+            if outcome is None:
+                outcome = default_outcome(reward, terminated, truncated, info)
+            if not isinstance(outcome, Outcome):
+                raise ArgumentError(f"expected an Outcome, got {outcome!r}")
+        end: dict[str, Any] = {"outcome": outcome}
+        if task.reached is not None:
+            with asking(self._task.name, "reached"):
+                end["reached"] = _within(task.reached(info), -1, self._spec.num_goals)
+        if task.metrics:
+            with asking(self._task.name, "metrics"):
+                end["metrics"] = {name: _number(info, name) for name in task.metrics}
+        return end
 
     def _told(self, observation: Any) -> dict[str, Any]:
-        seen, kind = self._read(observation), self._spec.goals
-        told = {
-            "frame": _frame(seen.frame),
-            "goal": np.int64(seen.label),
-            "interaction": np.int64(seen.interaction),
-        }
-        if kind == "observations":
-            told["desired_goal"] = _frame(seen.desired_goal)
-        elif kind == "vectors":
-            for entry in ("desired_goal", "achieved_goal"):
-                told[entry] = np.atleast_1d(np.asarray(getattr(seen, entry), self._spec.goal_dtype))
+        spec = self._spec
+        with asking(self._task.name, "read"):
+            seen = self._read(observation)
+            if not isinstance(seen, Seen):
+                raise ArgumentError(f"expected a vhs.Seen, got {type(seen).__name__}")
+            told: dict[str, Any] = {"frame": self._pictured(seen.frame, "frames")}
+            if spec.goals == "observations":
+                told["desired_goal"] = self._pictured(seen.desired_goal, "goals that are frames")
+            elif spec.goals == "vectors":
+                for entry in ("desired_goal", "achieved_goal"):
+                    told[entry] = np.atleast_1d(np.asarray(getattr(seen, entry), spec.goal_dtype))
+        with asking(self._task.name, "goals"):
+            told["goal"] = np.int64(_within(seen.label, 0, spec.num_goals))
+        with asking(self._task.name, "interactions"):
+            told["interaction"] = np.int64(_within(seen.interaction, 0, max(1, spec.num_interactions)))
         return told
+
+    def _pictured(self, seen: Any, what: str) -> NDArray[Any]:
+        """As the spec has it: a grey picture has a channel, and truth is a number."""
+        frame: NDArray[Any] = np.atleast_1d(np.asarray(seen))
+        frame = frame[..., None] if frame.ndim == 2 else frame
+        frame = frame.view(np.uint8) if frame.dtype == np.bool_ else frame
+        if frame.shape != self._spec.frame_shape or frame.dtype != self._spec.frame_dtype:
+            raise ArgumentError(
+                f"expected {what} {np.dtype(self._spec.frame_dtype)} {list(self._spec.frame_shape)} as the "
+                f"first, got {frame.dtype} {list(frame.shape)}"
+            )
+        return frame
 
 
 def _box(shape: tuple[int, ...], dtype: DTypeLike) -> spaces.Box:
@@ -86,7 +127,13 @@ def _box(shape: tuple[int, ...], dtype: DTypeLike) -> spaces.Box:
     return spaces.Box(limits.min, limits.max, shape, kind.type)
 
 
-def _frame(seen: Any) -> NDArray[Any]:
-    """As the spec has it: a number has one axis, a grey picture a channel."""
-    frame: NDArray[Any] = np.atleast_1d(np.asarray(seen))
-    return frame[..., None] if frame.ndim == 2 else frame
+def _within(number: Any, low: int, limit: int) -> int:
+    if not low <= int(number) < limit:
+        raise ArgumentError(f"expected a number in {low}..{limit - 1}, got {number}")
+    return int(number)
+
+
+def _number(info: Mapping[str, Any], name: str) -> float:
+    if name not in info:
+        raise ArgumentError(f"expected {name} in the last info, got {', '.join(info) or 'none'}")
+    return float(info[name])

@@ -42,6 +42,8 @@ class EndedEpisode:
     """The embedding it was acted under, shape [feature_dim]; None where no agent acted."""
     reached: int | None = None
     """Goal class that was reached, -1 for none; for evaluation only, None where the task does not say."""
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    """Further numbers that the task says of its end, for evaluation only."""
 
 
 @dataclass(slots=True)
@@ -64,19 +66,20 @@ class Running:
         self.values.append(value)
         self.episode_return += reward
 
-    def ended(self, id: int, stream: int, outcome: Outcome, reached: int | None) -> EndedEpisode:
-        """The same episode at its end, stored in the buffer under `id`."""
+    def ended(self, id: int, stream: int, info: Mapping[str, Any]) -> EndedEpisode:
+        """The same episode at its end, of which `TaskEnv` says `info`, stored in the buffer under `id`."""
         return EndedEpisode(
             id=id,
             stream=stream,
             seed=self.seed,
             goal=self.goal,
             interaction=self.interaction,
-            outcome=outcome,
+            outcome=Outcome(info["outcome"]),
             steps=len(self.actions),
             episode_return=self.episode_return,
             goal_embedding=self.goal_embedding,
-            reached=reached,
+            reached=info.get("reached"),
+            metrics=info.get("metrics", {}),
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -150,9 +153,11 @@ class Episodes:
         Workers are busy when this returns: what the caller does next overlaps with them.
 
         Returns:
-            The episodes that ended, in the order of their streams.
+            The episodes that ended, in the order of their streams; none where no answer came for a moment.
         """
         batch = self.stepping.recv()
+        if batch is None:
+            return []
         self.under_way -= len(batch.streams)
         self._open(batch)
         self._append(batch)
@@ -246,7 +251,7 @@ class Episodes:
         stream, info = int(batch.streams[row]), batch.infos[row]
         outcome = Outcome(info["outcome"])
         id = self.buffer.finish(stream, outcome, terminated=bool(batch.terminated[row]))
-        return self._running.pop(stream).ended(id, stream, outcome, info.get("reached"))
+        return self._running.pop(stream).ended(id, stream, info)
 
 
 def _row(goals: NDArray[Any] | None, rows: Any) -> NDArray[Any] | None:

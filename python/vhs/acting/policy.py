@@ -13,13 +13,24 @@ from torch import Tensor
 from vhs import EpisodeBuffer
 from vhs.acting.actor import Actor
 from vhs.acting.players import AgentPlayer
-from vhs.acting.setup import check_runnable, check_spec, convolution_dtype, settled, task_of, to_act_here
-from vhs.config import Config
+from vhs.acting.setup import (
+    check_runnable,
+    check_spec,
+    convolution_dtype,
+    is_room,
+    settled,
+    task_of,
+    to_act_here,
+)
+from vhs.config import Config, EnvSection, resolve_config
+from vhs.config.load import read_task
+from vhs.errors import ConfigError
 from vhs.learning.goals import ClassGoals
 from vhs.learning.told import make_goals
 from vhs.models import ExtractorFactory, GoalAgent, make_agent
+from vhs.runs.agent_file import check_limits, read_agent
 from vhs.runs.checkpoint import fitting, load_checkpoint
-from vhs.runs.directory import AGENT_NAME, is_exported, read_config
+from vhs.runs.directory import AGENT_NAME, CONFIG_NAME, check_settings, is_exported, read_config
 from vhs.task import Task, TaskSpec
 
 
@@ -83,10 +94,26 @@ def make_policy(
     check_runnable(config, task)
     spec = task.spec()
     config = settled(config, spec)
-    check_spec(config, task, spec)
+    check_spec(config, task, spec, is_own=extractor is not None)
     agent, dtype = make_agent(config, spec, extractor), convolution_dtype(config)
     goals = make_goals(config, agent, spec, dtype)
     return Policy(config, agent, goals, dtype, task, spec)
+
+
+def told_task(run: Path, named: str) -> Task:
+    """The task of a run, where a person says that it is.
+
+    Args:
+        run: directory of a run or of an exported agent, whose `env.kwargs` hold; or one that holds some.
+        named: as for `vhs.config.load.read_task`.
+
+    Raises:
+        ConfigError: it is not there.
+        CheckpointError: the configuration of the run is damaged.
+    """
+    config = read_config(run) if (run / CONFIG_NAME).exists() else Config()
+    env = EnvSection() if is_room(config) else config.env
+    return task_of(resolve_config([{"env": env.model_dump()}, read_task(named)]))
 
 
 def load_agent(
@@ -101,20 +128,38 @@ def load_agent(
 
     Raises:
         CheckpointError: neither is there, it is damaged, or it does not fit its own configuration.
-        ConfigError: its configuration cannot run here.
+        ConfigError: its configuration cannot run here, or an exported agent's task is no room and not given.
     """
     path = Path(path)
-    policy = make_policy(to_act_here(read_config(path)), task, extractor)
-    policy.agent.eval()
+    config = to_act_here(read_config(path))
+    if task is None and is_exported(path) and not is_room(config):
+        raise ConfigError(
+            f"{path}: expected to be told the task of an exported agent, as no code is run that a stranger "
+            f"names: --task FILE.py (it says {config.task_name}), or `task=`"
+        )
     if is_exported(path):
-        from vhs.runs.agent_file import read_agent
-
-        about = read_agent(path / AGENT_NAME, policy.agent, policy.goals)
-        return replace(policy, trained_episodes=int(about["trained_episodes"]))
+        return _load_exported(path, config, task, extractor)
+    policy = make_policy(config, task, extractor)
+    policy.agent.eval()
     state, store = load_checkpoint(path)
     with fitting(path):
+        check_settings(path, config, state["settings"])
         policy.agent.load_state_dict(state["learner"]["agent"])
         policy.goals.load_state_dict(state["learner"]["prototypes"])
         episodes = int(state["progress"]["episodes"])
     policy.goals.store = store
     return replace(policy, trained_episodes=episodes)
+
+
+def _load_exported(
+    path: Path, config: Config, task: Task | None, extractor: ExtractorFactory | None
+) -> Policy:
+    """An exported agent, maybe a stranger's: checked before anything of the size that it names is made."""
+    check_limits(config)
+    file = read_agent(path / AGENT_NAME)
+    task = task or task_of(config)
+    file.check(config, task.spec())
+    policy = make_policy(config, task, extractor)
+    policy.agent.eval()
+    file.load(policy.agent, policy.goals)
+    return replace(policy, trained_episodes=file.trained_episodes)

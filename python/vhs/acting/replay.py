@@ -9,6 +9,8 @@ one update). At that moment every episode that has begun is one of
 - running: so many actions answered, the next one chosen and under way in its environment;
 - beginning: its seed given to its environment, the first frame under way.
 
+Where a task says that its episodes cannot be repeated, the last three are dropped instead.
+
 No frames are saved. An environment repeats an episode bit for bit from its seed and its actions, so waiting
 and running episodes are played again, which fills the episode buffer and brings the environments to where
 they were. What they cannot repeat is saved: critic's values, goal embeddings, LSTM states, actions under way.
@@ -82,6 +84,22 @@ def resume_episodes(
     actor.load_state_dict(saved["actor"])
     episodes.resume(saved, running)
     return waiting
+
+
+def drop_episodes(state: Mapping[str, Any], episodes: Episodes) -> int:
+    """Begin new episodes instead, where environments cannot repeat any.
+
+    Args:
+        state: what `episodes_state` gave.
+        episodes: not started.
+
+    Returns:
+        How many are dropped.
+    """
+    saved = state["rollout"]
+    episodes.cut = int(saved["cut"])
+    episodes.start()
+    return len(state["waiting"]) + len(saved["running"]) + len(saved["beginning"])
 
 
 def replay(

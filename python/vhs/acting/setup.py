@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -10,31 +12,77 @@ import torch
 from vhs import EpisodeBuffer
 from vhs.acting.environment import TaskEnv
 from vhs.acting.stepping import LocalStepping, PooledStepping, Stepping
+from vhs.acting.trial import try_task, try_task_apart
 from vhs.buffer import make_buffer as buffer_of
-from vhs.config import Config
-from vhs.envs.task import load_task
+from vhs.config import Config, EnvSection
+from vhs.config.task import GIVEN, TaskSection, file_of
+from vhs.envs.find import task_in_file, task_in_module
+from vhs.envs.task import ROOMS, load_room
+from vhs.envs.words import task_of_words
 from vhs.errors import ConfigError
 from vhs.models import pick_device
 from vhs.task import Task, TaskSpec
 
 
 def task_of(config: Config) -> Task:
-    """The task of a configuration.
+    """The task of a configuration: the one place that turns what the key `task` holds into a `Task`.
 
     Raises:
         ConfigError: it does not exist, or what `env` says of it is wrong.
     """
-    return load_task(config.task, room=config.env.room, renderer=config.env.renderer)
+    found, env = config.task, config.env
+    if is_room(config):
+        task = load_room(config.task_name, room=env.room, renderer=env.renderer)
+    elif env.room or env.renderer != EnvSection().renderer:
+        key = "env.room" if env.room else "env.renderer"
+        raise ConfigError(f"{key}: expected none for {config.task_name}, which is no room; see env.kwargs")
+    else:
+        task = _own_task(found)
+    return replace(task, name=task.name or config.task_name, kwargs={**task.kwargs, **env.kwargs})
 
 
-def make_env(task: Task, spec: TaskSpec, **kwargs: object) -> TaskEnv:
-    """One environment of a task; `kwargs` go to `Task.make`."""
-    return TaskEnv(task.make(**kwargs), task, spec)
+def is_room(config: Config) -> bool:
+    """Whether the task is one of the rooms, which this package brings along."""
+    return isinstance(config.task, str) and config.task in ROOMS
+
+
+def with_given(config: Config, task: Task | None) -> Config:
+    """The configuration of a training that was given its task from Python, which nobody else can find."""
+    if task is None:
+        return config
+    return config.model_copy(update={"task": GIVEN + (re.sub(r"[^\w.-]+", "-", task.name) or "task")})
+
+
+def _own_task(found: str | TaskSection) -> Task:
+    if isinstance(found, TaskSection):
+        return task_of_words(found.model_dump())
+    if (place := file_of(found)) is not None:
+        return task_in_file(*place)
+    module, _, name = found.partition(":")
+    if found.startswith(GIVEN):
+        raise ConfigError(
+            f"task: {name} was given to the training from Python; say where it is: --task FILE.py, or `task=`"
+        )
+    return task_in_module(module, name)
+
+
+def learn_spec(config: Config, task: Task) -> TaskSpec:
+    """Sizes and types of a task that is about to be stepped, found by trying it where it will be stepped.
+
+    Raises:
+        ArgumentError: a field of the task does not fit its environment; it is named.
+    """
+    return try_task_apart(task) if _workers(config) else try_task(task)
+
+
+def make_env(task: Task, spec: TaskSpec, *, rendering: bool = False) -> TaskEnv:
+    """One environment of a task; `rendering` as for `Task.new_env`."""
+    return TaskEnv(task.new_env(rendering=rendering), task, spec)
 
 
 def make_stepping(config: Config, task: Task, spec: TaskSpec, count: int) -> Stepping:
     """`count` environments, stepped in this process or in `env.num_workers` others."""
-    workers = int(_has_workers()) if config.env.num_workers is None else config.env.num_workers
+    workers = _workers(config)
     if not workers:
         return LocalStepping([make_env(task, spec) for _ in range(count)])
     from vhs.rollout import RolloutPool
@@ -46,6 +94,7 @@ def make_stepping(config: Config, task: Task, spec: TaskSpec, count: int) -> Ste
         seed=config.seed,  # of the episodes that begin where a worker died
         autoreset="Disabled",
         on_error="raise",
+        deadline_s=config.env.deadline_s,
     )
     return PooledStepping(pool, config.env.min_ready)
 
@@ -108,7 +157,9 @@ def check_runnable(config: Config, task: Task | None = None) -> None:
 
 def settled(config: Config, spec: TaskSpec) -> Config:
     """The same configuration with what a task decides filled in: keys of `method` that are null."""
+    can_localise = spec.moves is not None and spec.has_classes and "localise" in config.method.row.terms
     own = {
+        "localisation_weight": 3.0 if can_localise else 0.0,
         "supcon_batch": max(16, 2 * spec.num_goals),
         "relabel_on": ("failure",) if spec.goals == "labels" else ("failure", "timeout"),
     }
@@ -132,15 +183,21 @@ def check_goals(config: Config, num_goals: int) -> None:
         )
 
 
-def check_spec(config: Config, task: Task, spec: TaskSpec) -> None:
+def check_spec(config: Config, task: Task, spec: TaskSpec, *, is_own: bool = False) -> None:
     """Check that the networks and losses that there are fit a task.
+
+    Args:
+        config: settled.
+        task: in its own words.
+        spec: what follows from it.
+        is_own: whether the feature extractor is the user's, whatever `model.extractor` says.
 
     Raises:
         ConfigError: goals, actions or frames of a kind that they do not take, or something not said.
     """
-    method, own = config.method, config.model.extractor is not None
+    method, own = config.method, is_own or config.model.extractor is not None
     is_picture = len(spec.frame_shape) == 3 and np.dtype(spec.frame_dtype) == np.uint8
-    if spec.goals == "labels" or spec.num_goals > 1:
+    if spec.has_classes:
         check_goals(config, spec.num_goals)
     if not (is_picture or own or len(spec.frame_shape) == 1):
         raise ConfigError(
@@ -154,7 +211,17 @@ def check_spec(config: Config, task: Task, spec: TaskSpec) -> None:
             f"task {task.name}: expected frames uint8, of which images of reached goals are kept for "
             f"{', '.join(needs)}, found {np.dtype(spec.frame_dtype)}; method.name = a3c keeps none"
         )
-    if spec.goals != "labels" and spec.num_goals == 1 and "discriminator" in method.row.terms:
+    if method.localisation_weight and not spec.has_classes:
+        raise ConfigError(
+            f"method.localisation_weight: expected 0 or null, as task {task.name} names no goal classes, "
+            f"found {method.localisation_weight}"
+        )
+    if method.localisation_weight and spec.moves is None:
+        raise ConfigError(
+            f"method.localisation_weight: expected 0 or null, as task {task.name} has no `moves` that say "
+            f"what its actions do to the pose, found {method.localisation_weight}"
+        )
+    if not spec.has_classes and "discriminator" in method.row.terms:
         raise ConfigError(
             f"method.name: expected one without a goal-discriminator, as task {task.name} names no goal "
             f"classes, found {method.name}"
@@ -169,6 +236,11 @@ def check_spec(config: Config, task: Task, spec: TaskSpec) -> None:
             f"method.value_target: expected behaviour, as task {task.name} does not say what a success pays, "
             "found hindsight_return"
         )
+
+
+def _workers(config: Config) -> int:
+    """Processes that step the environments."""
+    return int(_has_workers()) if config.env.num_workers is None else config.env.num_workers
 
 
 def _has_workers() -> bool:

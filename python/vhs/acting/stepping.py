@@ -8,16 +8,17 @@ environments, so what follows does not depend on who stepped them: this process,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vhs.acting.environment import TaskEnv
+from vhs.errors import ReplayError
 
 if TYPE_CHECKING:
-    from vhs.rollout import RolloutPool
+    from vhs.rollout import Batch, RolloutPool
 
 
 _GOALS = ("desired_goal", "achieved_goal")
@@ -71,8 +72,8 @@ class Stepping(Protocol):
         """Take one step in each of `streams`, int64 [n]; actions are as `TaskEnv` takes them."""
         ...
 
-    def recv(self) -> StepBatch:
-        """Wait for steps; there must be a command under way."""
+    def recv(self) -> StepBatch | None:
+        """Wait for steps; there must be a command under way. None where none came for a moment: ask again."""
         ...
 
     def close(self) -> None:
@@ -140,18 +141,39 @@ class LocalStepping:
             env.close()
 
 
-class PooledStepping:
-    """Environments stepped by the workers of a `RolloutPool` that resets nothing by itself."""
+WAIT_S = 0.5
+"""How long a `recv` waits before whoever asked may look around, for a signal to stop above all."""
 
-    def __init__(self, pool: RolloutPool, min_ready: int | None = None) -> None:
+
+@dataclass(slots=True)
+class _Script:
+    """What was done in an environment since its reset, so that another worker can do it again."""
+
+    seed: int
+    actions: list[int] = field(default_factory=list)
+    rewards: list[float] = field(default_factory=list)
+    """Of the answered actions."""
+
+
+class PooledStepping:
+    """Environments stepped by the workers of a `RolloutPool` that resets nothing by itself.
+
+    The episode of a worker that died is played again from its seed and actions, so that what follows does not
+    depend on who died: `recv` gives the step that was under way, as if nothing had happened.
+    """
+
+    def __init__(self, pool: RolloutPool, min_ready: int | None = None, *, can_repeat: bool = True) -> None:
         """Take the pool over.
 
         Args:
             pool: of `TaskEnv`, made with ``autoreset="Disabled"``: the seed of every episode is chosen here.
             min_ready: answers to wait for; None waits for all (lock-step).
+            can_repeat: whether an episode can be played again; if not, one that lost its worker is cut.
         """
         self._pool = pool
         self._min_ready = min_ready
+        self._can_repeat = can_repeat
+        self._scripts: dict[int, _Script] = {}
 
     @property
     def pids(self) -> tuple[int | None, ...]:
@@ -160,32 +182,107 @@ class PooledStepping:
 
     def reset(self, streams: Sequence[int], seeds: Sequence[int]) -> None:
         """Begin an episode in each of `streams`."""
+        self._scripts |= {stream: _Script(seed) for stream, seed in zip(streams, seeds, strict=True)}
         self._pool.reset(np.array(streams, dtype=np.int64), seeds=seeds)
 
     def send(self, streams: NDArray[np.int64], actions: NDArray[Any]) -> None:
         """Take one step in each of `streams`."""
+        for stream, action in zip(streams.tolist(), actions.tolist(), strict=True):
+            self._scripts[stream].actions.append(action)
         self._pool.send(actions, streams)
 
-    def recv(self) -> StepBatch:
-        """Wait for as many answers as were asked for, and take all there are."""
+    def recv(self) -> StepBatch | None:
+        """Wait for as many answers as were asked for, and take all there are; None after `WAIT_S` without.
+
+        Raises:
+            ReplayError: a worker died, and its episode did not go as before when it was played again.
+        """
         wanted = None if self._min_ready is None else min(self._min_ready, self._pool.num_under_way)
-        batch = self._pool.recv(wanted)
-        observation = batch.observation
-        return StepBatch(
-            streams=batch.env_ids,
-            frames=observation["frame"],
-            goals=observation["goal"],
-            interactions=observation["interaction"],
-            rewards=batch.rewards.astype(np.float32),
-            seeds=batch.seeds.tolist(),
-            is_first=batch.is_first,
-            is_cut=batch.is_cut,
-            terminated=batch.terminated,
-            truncated=batch.truncated,
-            infos=batch.infos,
-            **{f"{entry}s": observation[entry] for entry in _GOALS if entry in observation},
-        )
+        try:
+            batch = _step_batch(self._pool.recv(wanted, timeout=WAIT_S))
+        except TimeoutError:
+            return None
+        if self._can_repeat and batch.is_cut.any():
+            batch = self._repaired(batch)
+        for row in np.flatnonzero(~batch.is_first).tolist():
+            self._scripts[int(batch.streams[row])].rewards.append(float(batch.rewards[row]))
+        return batch
+
+    def _repaired(self, batch: StepBatch) -> StepBatch:
+        """The same batch with the answers that the dead workers owed, from others."""
+        answers = {
+            int(stream): (batch, row) for row, stream in enumerate(batch.streams) if not batch.is_cut[row]
+        }
+        # Actions that were played again, by stream.
+        played = dict.fromkeys(batch.streams[batch.is_cut].tolist(), 0)
+        self._begin_again(list(played))
+        while played:
+            batch = _step_batch(self._pool.recv(1))
+            for row, stream in enumerate(batch.streams.tolist()):
+                if stream not in played:
+                    answers[stream] = (batch, row)
+                elif batch.is_cut[row]:
+                    played[stream] = 0
+                    self._begin_again([stream])
+                elif played[stream] == len(self._scripts[stream].actions):
+                    answers[stream] = (batch, row)
+                    del played[stream]
+                else:
+                    self._check(stream, played[stream], batch, row)
+                    action = self._scripts[stream].actions[played[stream]]
+                    self._pool.send(np.array([action]), np.array([stream]))
+                    played[stream] += 1
+        return _joined([answers[stream] for stream in sorted(answers)])
+
+    def _begin_again(self, streams: list[int]) -> None:
+        seeds = [self._scripts[stream].seed for stream in streams]
+        self._pool.reset(np.array(streams, dtype=np.int64), seeds=seeds)
+
+    def _check(self, stream: int, step: int, batch: StepBatch, row: int) -> None:
+        """Check that the newest of `step` actions that were played again went as before."""
+        script, is_end = self._scripts[stream], bool(batch.is_end[row])
+        if is_end or (step and float(batch.rewards[row]) != script.rewards[step - 1]):
+            expected = "that it goes on" if is_end else f"reward {script.rewards[step - 1]}"
+            found = "its end" if is_end else f"{float(batch.rewards[row])}"
+            raise ReplayError(
+                f"a worker died; playing its episode of seed {script.seed} again: expected {expected} after "
+                f"{step} steps, found {found}; the environment does not repeat an episode from its seed and "
+                "actions"
+            )
 
     def close(self) -> None:
         """End the workers."""
         self._pool.close()
+
+
+def _step_batch(batch: Batch) -> StepBatch:
+    """What a pool received, in our words."""
+    observation = batch.observation
+    return StepBatch(
+        streams=batch.env_ids,
+        frames=observation["frame"],
+        goals=observation["goal"],
+        interactions=observation["interaction"],
+        rewards=batch.rewards.astype(np.float32),
+        seeds=batch.seeds.tolist(),
+        is_first=batch.is_first,
+        is_cut=batch.is_cut,
+        terminated=batch.terminated,
+        truncated=batch.truncated,
+        infos=batch.infos,
+        **{f"{entry}s": observation[entry] for entry in _GOALS if entry in observation},
+    )
+
+
+def _joined(rows: Sequence[tuple[StepBatch, int]]) -> StepBatch:
+    """A batch of rows of others, in the given order."""
+    arrays = {
+        name: np.array([getattr(batch, name)[row] for batch, row in rows])
+        for name in (each.name for each in fields(StepBatch))
+        if name not in ("seeds", "infos") and getattr(rows[0][0], name) is not None
+    }
+    return StepBatch(
+        **arrays,
+        seeds=[batch.seeds[row] for batch, row in rows],
+        infos={at: batch.infos[row] for at, (batch, row) in enumerate(rows) if row in batch.infos},
+    )

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from vhs.config.schema import Config, idle_keys, unread_keys
+from vhs.config.task import TAGS, TaskSection, placed
 from vhs.config.yaml12 import dump_yaml, parse_yaml
 from vhs.errors import ConfigError
 from vhs.reading import read_bounded
@@ -30,7 +31,11 @@ _SHORT.maxlist = _SHORT.maxtuple = _SHORT.maxdict = 12
 
 
 def load_config(
-    paths: Sequence[Path | str] = (), overrides: Iterable[str] = (), *, may_be_pipe: bool = True
+    paths: Sequence[Path | str] = (),
+    overrides: Iterable[str] = (),
+    *,
+    task: str | None = None,
+    may_be_pipe: bool = True,
 ) -> Config:
     """Resolve a configuration: defaults, then each file in order, then each ``key=value``.
 
@@ -40,14 +45,31 @@ def load_config(
     Args:
         paths: YAML files, each a mapping of some of the sections of `Config`.
         overrides: dotted assignments such as ``train.learning_rate=1e-4``.
+        task: the task, over that of every file and of the overrides: as the key `task` has it, or a YAML file
+            with that key.
         may_be_pipe: whether a path may lead to something else than a regular file; not for files of others.
 
     Raises:
         ConfigError: a file that cannot be read, an unknown key (the nearest right one is named), a value of
             the wrong type or out of range, a key that the method does not read.
     """
-    trees = [read_yaml(Path(path), may_be_pipe=may_be_pipe) for path in paths]
-    return resolve_config(trees, (nest(*parse_assignment(text)) for text in overrides))
+    trees = [read_placed(Path(path), may_be_pipe=may_be_pipe) for path in paths]
+    assigned = [placed(nest(*parse_assignment(text)), Path()) for text in overrides]
+    return resolve_config(trees, [*assigned, *([read_task(task)] if task is not None else [])])
+
+
+def read_task(named: str) -> dict[str, Any]:
+    """The key `task` alone, of a person who named it: as the key has it, or a YAML file with that key.
+
+    Raises:
+        ConfigError: a YAML file that cannot be read, or that has no such key.
+    """
+    if not named.endswith((".yaml", ".yml")):
+        return placed({"task": named}, Path())
+    tree = read_placed(Path(named))
+    if "task" not in tree:
+        raise ConfigError(f"--task: expected a file with the key `task`, found none in {named}")
+    return {"task": tree["task"]}
 
 
 def resolve_config(
@@ -126,6 +148,11 @@ def read_yaml(path: Path, *, may_be_pipe: bool = True) -> dict[str, Any]:
     return tree
 
 
+def read_placed(path: Path, *, may_be_pipe: bool = True) -> dict[str, Any]:
+    """As `read_yaml`; a task that is a file is found from the directory of the YAML file."""
+    return placed(read_yaml(path, may_be_pipe=may_be_pipe), path.parent)
+
+
 def parse_assignment(assignment: str) -> tuple[str, Any]:
     """Key and value of ``key=value``, the value as YAML.
 
@@ -190,11 +217,12 @@ def _merge(tree: dict[str, Any], overlay: Mapping[str, Any]) -> None:
 
 
 def _explain(detail: ErrorDetails, keys: Sequence[str]) -> str:
-    where = ".".join(str(part) for part in detail["loc"])
+    where = ".".join(str(part) for part in detail["loc"] if part not in TAGS)
     if detail["type"] == "extra_forbidden":
         return unknown_key(where, keys)
     if detail["type"] == "value_error":
-        return str(detail["ctx"]["error"])
+        said = str(detail["ctx"]["error"])
+        return said if detail["loc"] == () or said.startswith(where) else f"{where}: {said}"
     found = detail["input"]
     shown = "nothing" if found is None else _SHORT.repr(found)
     return f"{where}: expected {_expected(detail['msg'])}, found {shown}"
@@ -221,6 +249,6 @@ def known_keys(section: type[BaseModel] = Config, prefix: str = "") -> Iterator[
     """Dotted names of every key of a configuration, sections included."""
     for name, field in section.model_fields.items():
         yield prefix + name
-        kind = field.annotation
+        kind = TaskSection if name == "task" and section is Config else field.annotation
         if isinstance(kind, type) and issubclass(kind, BaseModel):
             yield from known_keys(kind, f"{prefix}{name}.")

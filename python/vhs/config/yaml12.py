@@ -7,7 +7,7 @@ whose aliases multiply would be gigabytes: its expanded size is counted before a
 from __future__ import annotations
 
 import re
-from typing import Any, ClassVar
+from typing import Any
 
 import yaml
 
@@ -57,8 +57,6 @@ def dump_yaml(value: Any, *, on_one_line: bool = False) -> str:
 class _Loader(yaml.SafeLoader):
     """Reads the core schema."""
 
-    yaml_implicit_resolvers: ClassVar[dict[str, list[tuple[str, re.Pattern[str]]]]] = {}  # type: ignore[misc]
-
     def get_single_node(self) -> yaml.Node | None:
         """The whole document, before anything is built from it."""
         node = super().get_single_node()
@@ -82,8 +80,6 @@ class _Loader(yaml.SafeLoader):
 
 class _Dumper(yaml.SafeDumper):
     """Quotes the texts that the core schema would read as something else."""
-
-    yaml_implicit_resolvers: ClassVar[dict[str, list[tuple[str, re.Pattern[str]]]]] = {}  # type: ignore[misc]
 
     def ignore_aliases(self, data: Any) -> bool:
         """Write everything out: a file for people."""
@@ -117,7 +113,8 @@ def _count(node: yaml.Node, sizes: dict[int, int | None]) -> int:
     return total
 
 
-for _tag, _texts, _first in _CORE:
-    for _class in (_Loader, _Dumper):
+for _class in (_Loader, _Dumper):
+    _class.yaml_implicit_resolvers = {}  # none of version 1.1
+    for _tag, _texts, _first in _CORE:
         _class.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(f"(?:{_texts})\\Z"), _first)
 _Loader.add_constructor("tag:yaml.org,2002:int", _integer)

@@ -50,6 +50,7 @@ class RasterImageSource:
         # Smooth edges and textures for people; an agent's images do without.
         antialias: Literal["off", "supersample"] = "supersample" if is_onlooker else "off"
         self._renderer = RasterRenderer(model, height, width, antialias=antialias, has_sky=is_onlooker)
+        _show_no_shadows(self._renderer.scene.flags)
         self._camera = model.camera(_camera_name(is_onlooker)).id
         self._option = _option(is_onlooker)
 
@@ -87,8 +88,7 @@ class MujocoImageSource:
         self._camera = _camera_name(is_onlooker)
         self._option = _option(is_onlooker)
         flags = self._renderer.scene.flags
-        flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
-        flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+        _show_no_shadows(flags)
         flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = is_onlooker
 
     def render(self, data: mujoco.MjData, out: Image) -> None:
@@ -180,6 +180,12 @@ def _option(is_onlooker: bool) -> mujoco.MjvOption:
     hidden = (COLLISION_GROUP, NEAR_WALL_GROUP) if is_onlooker else (COLLISION_GROUP, ROBOT_GROUP)
     option.geomgroup[:] = [group not in hidden for group in range(_GROUPS)]
     return option
+
+
+def _show_no_shadows(flags: NDArray[np.uint8]) -> None:
+    """Switch shadows and reflections off, by the flags of a `mujoco.MjvScene`."""
+    flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
+    flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
 
 
 def _no_opengl_text(error: Exception) -> str:

@@ -140,7 +140,7 @@ def room_xml(config: RoomConfig, assets: tuple[ObjectAsset, ...]) -> str:
       width="32" height="192"/>{meshes}{textures}{MATERIALS}
   </asset>
   <worldbody>
-    <light type="directional" pos="0 0 4" dir="0.35 0.25 -0.9" diffuse="0.45 0.45 0.45" specular="0 0 0"/>
+    <light directional="true" pos="0 0 4" dir="0.35 0.25 -0.9" diffuse="0.45 0.45 0.45" specular="0 0 0"/>
     {_onlooker_xml(config)}
     {_walls_xml(config)}{bodies}{robot_body_xml(config)}
   </worldbody>

@@ -1,4 +1,4 @@
-"""The three rooms said as tasks, and the one place that turns the name of a task into a `Task`.
+"""The three rooms said as tasks.
 
 What the trainer, evaluation, films and reports know of the rooms they know from here. MuJoCo comes with the
 first environment.
@@ -9,7 +9,6 @@ from __future__ import annotations
 import difflib
 from collections.abc import Mapping
 from dataclasses import fields
-from functools import partial
 from typing import Any
 
 import gymnasium
@@ -27,14 +26,14 @@ from vhs.envs.config import (
     RoomTask,
 )
 from vhs.errors import ConfigError
-from vhs.task import Task, last_actions
+from vhs.task import Move, Task, Turn, last_actions
 
 ROOMS = {"task1": OBJECT_NAV, "task2": INTERACTIVE_OBJECT_NAV, "task3": MULTI_INTERACTION_OBJECT_NAV}
 """Name of a task -> what sets it apart."""
 
 
-def load_task(name: str, *, room: Mapping[str, Any] | None = None, renderer: str = "raster") -> Task:
-    """The task of a name.
+def load_room(name: str, *, room: Mapping[str, Any] | None = None, renderer: str = "raster") -> Task:
+    """The task of a room.
 
     Args:
         name: A key of `ROOMS`.
@@ -80,7 +79,8 @@ def _room_task(name: str, kind: RoomTask, config: RoomConfig, renderer: str) -> 
     return Task(
         name=name,
         title=kind.title,
-        make=partial(gymnasium.make, kind.env_id, config=config, renderer=renderer),
+        make=kind.env_id,
+        kwargs={"config": config, "renderer": renderer},
         max_steps=config.horizon_steps,
         interactions=last_actions(kind.num_actions, kind.interactions),
         success_reward=config.reward_success + config.reward_step,
@@ -90,6 +90,11 @@ def _room_task(name: str, kind: RoomTask, config: RoomConfig, renderer: str) -> 
         keys=keys,
         reached=reached_object,
         shortest=shortest_way,
+        moves={
+            MOVE_FORWARD: Move(forward_m=config.stride_m),
+            TURN_LEFT: Turn(deg=config.turn_deg),
+            TURN_RIGHT: Turn(deg=-config.turn_deg),
+        },
     )
 
 

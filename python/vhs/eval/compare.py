@@ -55,7 +55,8 @@ class RunResult:
 
     run: Run
     success: float
-    spl: float
+    spl: float | None
+    """None where the task says no shortest way."""
     episodes_to_rate: int | None
     """Episodes of training until the rate was reached; None where it was not."""
     minutes_to_rate: float | None
@@ -80,9 +81,9 @@ class GroupResult:
         return mean_and_deviation([result.success for result in self.runs])
 
     @property
-    def spl(self) -> tuple[float, float | None]:
-        """Mean and standard deviation over seeds."""
-        return mean_and_deviation([result.spl for result in self.runs])
+    def spl(self) -> tuple[float, float | None] | None:
+        """Mean and standard deviation over seeds; None where the task says no shortest way."""
+        return _over_seeds([result.spl for result in self.runs])
 
     @property
     def seeds_reached(self) -> int:
@@ -136,7 +137,7 @@ def compare(
     results = {group.label: [_measure(run, protocol, rate) for run in group.runs] for group in groups}
     needed = _over_seeds([result.episodes_to_rate for result in results[reference_label]])
     return Comparison(
-        task=runs[0].config.task,
+        task=runs[0].config.task_name,
         rate=rate,
         reference=reference_label,
         protocol=protocol,
@@ -149,7 +150,7 @@ def _check_comparable(runs: Sequence[Run]) -> None:
     """Check that runs are of one task, each with an evaluation; those that are not are all named."""
     by_task: dict[str, list[Path]] = {}
     for run in runs:
-        by_task.setdefault(run.config.task, []).append(run.path)
+        by_task.setdefault(run.config.task_name, []).append(run.path)
     if len(by_task) > 1:
         listed = "\n".join(f"  {task}: {', '.join(map(str, by_task[task]))}" for task in sorted(by_task))
         raise ComparisonError(
@@ -210,7 +211,7 @@ def _measure(run: Run, protocol: Protocol, rate: float) -> RunResult:
     return RunResult(
         run=run,
         success=_weighted(entries, "success"),
-        spl=_weighted(entries, "spl"),
+        spl=None if any(entry["spl"] is None for entry in entries) else _weighted(entries, "spl"),
         episodes_to_rate=None if row is None else int(episodes[row]),
         minutes_to_rate=None if row is None else float(minutes[row]),
     )
@@ -276,7 +277,12 @@ def _notes(groups: Sequence[Group]) -> Iterator[str]:
         if trained < logged:
             yield f"`{run.path}` has gone on to {logged:,} episodes since its evaluation."
     makings = {
-        (start.get("machine"), start.get("precision"), run.config.env.num_workers, run.config.train.threads)
+        (
+            str(start.get("machine")),
+            str(start.get("precision")),
+            run.config.env.num_workers,
+            run.config.train.threads,
+        )
         for run in runs
         for start in run.starts
         if "machine" in start

@@ -7,7 +7,9 @@ Navigation Agents", Eq. 1), with actions as the length; a task says the shortest
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import asdict, dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,7 @@ from vhs.acting.policy import Policy, load_agent
 from vhs.acting.seeds import episode_seeds
 from vhs.acting.setup import make_buffer, make_env
 from vhs.acting.stepping import LocalStepping
+from vhs.asking import asking
 from vhs.runs.window import summarise
 from vhs.task import Task
 
@@ -44,10 +47,14 @@ class Evaluation:
     seed: int
     greedy: bool
     trained_episodes: int
+    metrics: Mapping[str, float] = field(default_factory=dict)
+    """Means of the further numbers that the task says of its ends, by name."""
 
     def as_dict(self) -> dict[str, Any]:
-        """The fields by name."""
-        return asdict(self)
+        """The fields by name, and each further number as ``metric/NAME``."""
+        fields = asdict(self)
+        metrics = fields.pop("metrics")
+        return fields | {f"metric/{name}": value for name, value in metrics.items()}
 
 
 def evaluate(
@@ -82,6 +89,10 @@ def evaluate(
         seed=seed,
         trained_episodes=trained.trained_episodes,
         greedy=greedy,
+        metrics={
+            name: float(np.mean([episode.metrics[name] for episode in ended]))
+            for name in trained.task.metrics
+        },
     )
 
 
@@ -110,12 +121,13 @@ def _shortest(task: Task, seeds: list[int]) -> NDArray[np.float64] | None:
     """Fewest steps to success for each seed, infinite where there is no way; None where nobody knows."""
     if task.shortest is None:
         return None
-    env = task.make()
     lengths: list[float] = []
-    for seed in seeds:
-        env.reset(seed=seed)
-        steps = task.shortest(env)
-        lengths.append(math.inf if steps is None else steps)
+    with closing(task.new_env()) as env:
+        for seed in seeds:
+            env.reset(seed=seed)
+            with asking(task.name, "shortest"):
+                steps = task.shortest(env.unwrapped)
+            lengths.append(math.inf if steps is None else steps)
     return np.array(lengths, dtype=np.float64)
 
 

@@ -84,6 +84,7 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
 def _flat(group: GroupResult) -> dict[str, Any]:
     low, high = group.success_interval or (None, None)
     episodes, minutes = group.episodes_to_rate or (None, None), group.minutes_to_rate or (None, None)
+    spl = group.spl or (None, None)
     trained = [trained_episodes(result.run) for result in group.runs]
     return {
         "group": str(group.label),
@@ -95,8 +96,8 @@ def _flat(group: GroupResult) -> dict[str, Any]:
         "success_iqm": group.success_iqm,
         "success_low": low,
         "success_high": high,
-        "spl_mean": group.spl[0],
-        "spl_deviation": group.spl[1],
+        "spl_mean": spl[0],
+        "spl_deviation": spl[1],
         "seeds_reached": group.seeds_reached,
         "episodes_to_rate_mean": episodes[0],
         "episodes_to_rate_deviation": episodes[1],
@@ -130,7 +131,7 @@ def _group_cells(group: GroupResult) -> list[str]:
         " to ".join(f"{count:,}" for count in dict.fromkeys((trained[0], trained[-1]))),
         _spread(group.success, _percent),
         f"{group.success_iqm:.1%}" + (f" [{low_high[0]:.1%}, {low_high[1]:.1%}]" if low_high else ""),
-        _spread(group.spl, "{:.3f}".format),
+        _NONE if group.spl is None else _spread(group.spl, "{:.3f}".format),
         _reached(group, group.episodes_to_rate, "{:,.0f}".format),
         _reached(group, group.minutes_to_rate, "{:.1f}".format),
         _NONE if group.srr is None else f"{group.srr:.1%}",
@@ -145,7 +146,7 @@ def _run_cells(result: RunResult) -> list[str]:
         str(result.run.path),
         str(result.run.config.seed),
         _percent(result.success),
-        f"{result.spl:.3f}",
+        _NONE if result.spl is None else f"{result.spl:.3f}",
         "not reached" if episodes is None else f"{episodes:,}",
         str(made_by.get("commit") or _NONE),
         f"`{made_by['command']}`" if "command" in made_by else _NONE,

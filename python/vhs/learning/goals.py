@@ -118,6 +118,17 @@ class Goals(Protocol):
         """
         ...
 
+    def recognise(self, reached: Tensor) -> Tensor | None:
+        """The class of what each f(o_T) shows, as far as the agent can tell.
+
+        Args:
+            reached: float32 [R, feature_dim].
+
+        Returns:
+            int64 [R]; None before the classes can be told apart.
+        """
+        ...
+
     def collect(self, buffer: EpisodeBuffer, ids: ArrayLike) -> None:
         """Keep what the successes among some finished episodes reached."""
         ...
@@ -184,6 +195,18 @@ class ClassGoals(Goals):
     def pictures(self, batch: EpisodeBatch, rows: NDArray[np.int64]) -> NDArray[Any] | None:
         """None: a class is told by its name."""
         return None
+
+    def recognise(self, reached: Tensor) -> Tensor | None:
+        """The prototype nearest in angle; None without any, and before `is_warm`.
+
+        A class that nothing was reached of yet has no prototype and is never the nearest.
+        """
+        (known,) = np.nonzero(self.prototypes.seen)
+        if not (len(known) and self.is_warm):
+            return None
+        table = to_device(self.prototypes.table[known], self._device)
+        nearest = (reached @ normalize(table, dim=1).T).argmax(dim=1)
+        return to_device(known, self._device)[nearest]
 
     def collect(self, buffer: EpisodeBuffer, ids: ArrayLike) -> None:
         """Store the last observation of each success under its instructed class, if it is a picture."""
@@ -263,12 +286,9 @@ class PrototypeGoals(ClassGoals):
         reached has none, names nothing and holds up nothing. The goal is a constant: a gradient could make it
         easy instead of the policy good.
         """
-        reached, seen = reached.detach(), self.prototypes.seen
-        if self._method.hindsight_goal == "feature" or not (seen.any() and self.is_warm):
-            return reached
-        table = to_device(self.prototypes.table[seen], self._device)
-        nearest = (reached @ normalize(table, dim=1).T).argmax(dim=1)
-        return table[nearest]
+        reached = reached.detach()
+        nearest = None if self._method.hindsight_goal == "feature" else self.recognise(reached)
+        return reached if nearest is None else to_device(self.prototypes.table, self._device)[nearest]
 
     def _draw_noise(self, told: Told) -> None:
         """A fresh N(0, 1) vector for a class without a prototype."""

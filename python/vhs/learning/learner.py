@@ -17,12 +17,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from vhs import EpisodeBatch, Hindsight, Rng, relabel
+from vhs import EpisodeBatch, Hindsight, Outcome, Rng, relabel
 from vhs.config import MethodSection, TrainSection
 from vhs.errors import DivergenceError
 from vhs.learning.goals import GoalImages, Goals
 from vhs.learning.parallel import Replicas
-from vhs.learning.terms import TERMS, Episodes, Forward, Images, Over, Term
+from vhs.learning.reckoning import Reckoning
+from vhs.learning.terms import TERMS, Episodes, Forward, Images, Over, Reached, Term
 from vhs.models import GoalAgent, to_device
 
 
@@ -70,6 +71,7 @@ class Learner:
         success_reward: float,
         dtype: torch.dtype,
         rng: Rng,
+        reckoning: Reckoning | None = None,
     ) -> None:
         """Join the parts.
 
@@ -81,6 +83,7 @@ class Learner:
             success_reward: what the environment pays for the last step of a success, unscaled.
             dtype: type in which the convolutions multiply.
             rng: the source of the relabelling decisions.
+            reckoning: says where what was reached had been; without it the terms on that are left out.
         """
         self.agent = agent
         self.goals = goals
@@ -94,10 +97,16 @@ class Learner:
         self._method = method
         self._train = train
         self._success_reward = success_reward
-        terms = {name: TERMS[name] for name in method.row.terms}
+        self._reckoning = reckoning
         # Without classes there is nothing to tell images of goals apart by.
+        lacking = {
+            over
+            for over, is_there in (("reached", reckoning is not None), ("images", goals.has_classes))
+            if not is_there
+        }
+        terms = {name: TERMS[name] for name in method.row.terms}
         self._terms: dict[str, Term] = {
-            name: term for name, term in terms.items() if term.over != "images" or goals.has_classes
+            name: term for name, term in terms.items() if term.over not in lacking
         }
         self._over = {term.over for term in self._terms.values()}
         self._device = agent.gate.weight.device
@@ -194,7 +203,8 @@ class Learner:
         is_cut = ~batch.terminated
         steps = torch.arange(length + int(is_cut.any()), device=self._device)
         rows = (self._tensor(batch.offsets).unsqueeze(1) + steps).clamp(max=len(features) - 1)
-        passes = self._passes(agent, share, features, features[rows], shown)
+        sequences = features[rows]
+        passes = self._passes(agent, share, features, sequences, shown)
         passed: dict[str, Episodes] = {}
         if passes:
             policy, values, _ = agent(*map(torch.cat, zip(*(one.inputs for one in passes), strict=True)))
@@ -210,8 +220,9 @@ class Learner:
                     self._beyond(batch, one.rows, seen) if is_cut.any() else None,
                 )
         images = None if share.images is None else Images(image_features, share.images.labels)
-        settings = (self._method, self._train, self._success_reward)
-        return Forward(agent, batch, passed.get("lived"), passed.get("relabelled"), images, *settings)
+        reached = self._reached(batch, features, sequences[:, :length]) if "reached" in self._over else None
+        parts = (passed.get("lived"), passed.get("relabelled"), images, reached)
+        return Forward(agent, batch, *parts, self._method, self._train, self._success_reward)
 
     def _beyond(self, batch: EpisodeBatch, rows: NDArray[np.int64], values: Tensor) -> Tensor:
         """V(o_T) of episodes that a limit cut off, 0 of the others; values as far as o_T, [B, T + 1]."""
@@ -237,13 +248,28 @@ class Learner:
             passes.append(_Pass("relabelled", selected, (sequences[chosen], goals, done)))
         return passes
 
+    def _reached(self, batch: EpisodeBatch, features: Tensor, sequences: Tensor) -> Reached | None:
+        """Views of what episodes reached: what a success was told, what a failure's end looks like."""
+        assert self._reckoning is not None
+        rows, bearings = self._reckoning(batch)
+        labels = self._tensor(batch.goals[rows])
+        ends = features[self._tensor(batch.offsets[rows] + batch.lengths[rows])].detach()
+        is_told = self._tensor(batch.outcomes[rows] == Outcome.SUCCESS)
+        seen = self.goals.recognise(ends)
+        known = is_told if seen is None else torch.ones_like(is_told)
+        if not known.any():
+            return None
+        labels = labels if seen is None else torch.where(is_told, labels, seen)
+        chosen, valid = self._tensor(rows)[known], self._tensor(batch.mask[rows]).float()[known]
+        return Reached(sequences[chosen], labels[known], self._tensor(bearings)[known], valid)
+
     def _evaluate(self, x: Forward) -> dict[str, Tensor]:
         """Every term of the method, unweighted; those on images as soon as there are any."""
         found = {}
         for name, term in self._terms.items():
             if getattr(x, term.over) is not None:
                 found[name] = term.loss(x)
-            elif term.over == "relabelled":
+            elif term.over in ("relabelled", "reached"):
                 found[name] = torch.zeros((), device=self._device)
         return found
 

@@ -42,7 +42,7 @@ class Method(NamedTuple):
 
 _A3C = ("policy", "value", "entropy")
 _PG = (*_A3C, "supcon")
-_VHS = (*_PG, "imitation_policy", "imitation_value")
+_VHS = (*_PG, "imitation_policy", "imitation_value", "localise")
 
 METHODS: dict[str, Method] = {
     "a3c": Method(_A3C, fixed={"embedding": "word"}),
@@ -77,6 +77,12 @@ def check_method(name: str, section: Mapping[str, Any]) -> None:
         ValueError: another value of what is fixed, words with relabelling, nothing to learn from.
     """
     method = METHODS[name]
+    inside, outside = section["localisation_in_view_deg"], section["localisation_out_of_view_deg"]
+    if inside > outside:
+        raise ValueError(
+            "method.localisation_in_view_deg: expected at most method.localisation_out_of_view_deg = "
+            f"{outside}, found {inside}"
+        )
     for key, value in method.fixed.items():
         if section[key] != value:
             raise ValueError(f"method.{key}: expected {value} for method.name = {name}, found {section[key]}")

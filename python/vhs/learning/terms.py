@@ -6,6 +6,7 @@ A term has its name in the log (``loss/policy``). `vhs.learning.methods` says wh
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,12 +25,13 @@ from vhs.losses import (
     goal_discrimination_loss,
     hindsight_imitation_loss,
     lambda_returns,
+    localisation_loss,
     supcon_loss,
 )
 from vhs.models import ActionHead, DiscriminativeAgent, GoalAgent, to_device
 
-Over = Literal["lived", "relabelled", "images"]
-"""What a term is over: episodes as they were lived, relabelled ones, goal images."""
+Over = Literal["lived", "relabelled", "images", "reached"]
+"""What a term is over: episodes as lived, relabelled ones, goal images, views of what was reached."""
 
 _Found = TypeVar("_Found")
 
@@ -71,6 +73,19 @@ class Images(NamedTuple):
     labels: Tensor
 
 
+class Reached(NamedTuple):
+    """R episodes that reached something, of up to T steps, and where it lay."""
+
+    features: Tensor
+    """f(o), shape [R, T, feature_dim]."""
+    labels: Tensor
+    """Class of what was reached, int64 [R]."""
+    bearings_rad: Tensor
+    """Where it lay by dead reckoning, 0 straight ahead, shape [R, T]."""
+    valid: Tensor
+    """1 inside the episode, 0 after its end, shape [R, T]."""
+
+
 @dataclass(frozen=True)
 class Forward:
     """What one forward pass of an agent over its share of an update gives; what no term reads is None."""
@@ -83,6 +98,8 @@ class Forward:
     """Some episodes again, under what they reached; None also where nothing was relabelled."""
     images: Images | None
     """None also until the store is warm."""
+    reached: Reached | None
+    """None also where no episode reached anything whose class is known."""
     method: MethodSection
     train: TrainSection
     success_reward: float
@@ -138,8 +155,8 @@ class Term(NamedTuple):
     loss: Callable[[Forward], Tensor]
     """Unweighted, as it is logged; shape []."""
     over: Over
-    """The part of the pass that it reads, which is there when `loss` is called. Without relabelled episodes
-    the term is 0; without images there is none yet."""
+    """The part of the pass that it reads, which is there when `loss` is called. Where nothing was relabelled
+    or reached the term is 0; without images there is none yet."""
     weight: str | float = 1.0
     """A number, or a key of the configuration, which moves to ``<key>_end`` over training if there is one."""
     sign: Literal[1, -1] = 1
@@ -180,6 +197,19 @@ def _discriminator(x: Forward) -> Tensor:
     return goal_discrimination_loss(x.agent.discriminate(images.features), images.labels)
 
 
+def _localise(x: Forward) -> Tensor:
+    reached, method = _there(x.reached), x.method
+    return localisation_loss(
+        x.agent.see(reached.features),
+        reached.labels,
+        reached.bearings_rad,
+        reached.valid,
+        x.steps,
+        math.radians(method.localisation_in_view_deg),
+        math.radians(method.localisation_out_of_view_deg),
+    )
+
+
 def _there(part: _Found | None) -> _Found:
     assert part is not None, "a term reads another part than it says"
     return part
@@ -191,6 +221,7 @@ TERMS: dict[str, Term] = {
     "entropy": Term(lambda x: x.actor_critic.entropy, "lived", "train.entropy_weight", sign=-1),
     "imitation_policy": Term(lambda x: x.imitation.policy, "relabelled", "method.vhs_weight"),
     "imitation_value": Term(lambda x: x.imitation.value, "relabelled", "method.vhs_weight"),
+    "localise": Term(_localise, "reached", "method.localisation_weight"),
     "supcon": Term(_supcon, "images", "method.supcon_weight"),
     "discriminator": Term(_discriminator, "images", "method.discriminator_weight"),
 }

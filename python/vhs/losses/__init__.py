@@ -4,6 +4,7 @@ from vhs.losses.actor_critic import ActorCriticTerms, actor_critic_loss
 from vhs.losses.contrastive import supcon_loss
 from vhs.losses.discrimination import goal_discrimination_loss
 from vhs.losses.imitation import ImitationTerms, hindsight_imitation_loss
+from vhs.losses.localisation import localisation_loss
 from vhs.losses.returns import lambda_returns
 
 __all__ = [
@@ -13,5 +14,6 @@ __all__ = [
     "goal_discrimination_loss",
     "hindsight_imitation_loss",
     "lambda_returns",
+    "localisation_loss",
     "supcon_loss",
 ]

@@ -37,19 +37,21 @@ class GoalAgent(nn.Module):
         head_dim: int,
         interaction_dim: int,
         num_words: int = 0,
+        num_sights: int = 0,
         goal_dim: int = 0,
     ) -> None:
         """Build the layers behind `extractor`.
 
         Args:
             extractor: f.
-            head: what actions are.
-            num_interactions: that can be instructed, at least 1.
-            hidden_dim: LSTM state.
-            head_dim: hidden layer of the policy, of the value head and of what embeds goal vectors.
-            interaction_dim: length of the interaction embedding.
-            num_words: goal classes with a learned name; 0 where classes are named otherwise.
-            goal_dim: numbers in a goal vector; 0 where goals are no vectors.
+            head: What actions are.
+            num_interactions: Interactions that can be instructed, at least 1.
+            hidden_dim: Of the LSTM.
+            head_dim: Hidden layer of each head, and of what embeds goal vectors.
+            interaction_dim: Of an interaction's embedding.
+            num_words: Goal classes with a learned name; 0 where classes are named otherwise.
+            num_sights: Goal classes that `see` tells from a view; 0: no such head.
+            goal_dim: Numbers in a goal vector; 0 where goals are no vectors.
         """
         super().__init__()
         feature_dim = extractor.feature_dim
@@ -64,6 +66,8 @@ class GoalAgent(nn.Module):
         # N(0, 1), the scale of features and of the vectors of empty classes.
         self.words = nn.Embedding(num_words, feature_dim) if num_words else None
         self.vectors = _perceptron(goal_dim, head_dim, feature_dim) if goal_dim else None
+        # Last: the weights before it are the same with and without it.
+        self.sight = _head(feature_dim, head_dim, num_sights) if num_sights else None
 
     def initial_state(self, batch: int) -> RecurrentState:
         """The state at the start of an episode: zeros, shape [batch, hidden_dim]."""
@@ -101,6 +105,12 @@ class GoalAgent(nn.Module):
         assert self.vectors is not None, "an agent that was built with goal vectors"
         found: Tensor = self.vectors(goals)
         return layer_norm(found, found.shape[1:])
+
+    def see(self, features: Tensor) -> Tensor:
+        """Unnormalised log-odds that each goal class is in view, shape [..., num_sights], from f(o)."""
+        assert self.sight is not None, "an agent that was built to see"
+        logits: Tensor = self.sight(features)
+        return logits
 
     def _attend(self, features: Tensor, gated: Tensor, hidden: Tensor) -> Tensor:
         """What the heads read of a step, shape [B, T, hidden_dim]: here the LSTM's hidden state."""

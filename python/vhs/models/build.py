@@ -44,6 +44,7 @@ def make_agent(config: Config, spec: TaskSpec, extractor: ExtractorFactory | Non
             "head_dim": model.head_dim,
             "interaction_dim": model.interaction_dim,
             "num_words": spec.num_goals if spec.goals == "labels" and method.embedding == "word" else 0,
+            "num_sights": spec.num_goals if method.localisation_weight else 0,
             "goal_dim": int(np.prod(spec.goal_shape)) if spec.goals == "vectors" else 0,
         }
         if method.row.network == "discriminative":

@@ -19,6 +19,8 @@ from vhs.show.pictures import draw
 from vhs.task import Task
 
 if TYPE_CHECKING:
+    from PIL.Image import Image
+
     from vhs.play.window import Window
 
 FPS = 3
@@ -33,6 +35,7 @@ def play(
     greedy: bool = False,
     out: Path | None = None,
     is_human: bool = False,
+    task: Task | None = None,
 ) -> str:
     """Show episodes of a run's task, those that `vhs eval` plays for the same seed.
 
@@ -43,6 +46,7 @@ def play(
         greedy: take the likeliest action instead of sampling.
         out: GIF or MP4 to write; None opens a window.
         is_human: a person acts.
+        task: what the run is about; None: the task that its configuration names.
 
     Returns:
         What happened, in a sentence.
@@ -57,24 +61,27 @@ def play(
         check_film_path(out)
     seeds = islice(episode_seeds(seed, purpose=1), episodes)
     if is_human:
-        return _drive(run, seeds)
-    moments = _moments(load_agent(run), seeds, seed, greedy)
+        return _drive(run, seeds, task)
+    moments = _moments(load_agent(run, task), seeds, seed, greedy)
     return _show(run, moments) if out is None else _film(out, moments)
 
 
 def _moments(agent: Policy, seeds: Iterator[int], seed: int, greedy: bool) -> Iterator[Moment]:
-    env = make_env(agent.task, agent.spec, render_mode="rgb_array")
+    env = make_env(agent.task, agent.spec, rendering=True)
     return play_moments(agent, env, seeds, seed, greedy)
 
 
 def _film(out: Path, moments: Iterator[Moment]) -> str:
-    pictures, outcomes = [], []
-    for moment in moments:
-        pictures.append(draw(moment))
-        outcomes.append(moment.outcome)
-    write_film(out, pictures, [outcome is not None for outcome in outcomes], FPS)
-    ended = ", ".join(outcome.name.lower() for outcome in outcomes if outcome is not None)
-    return f"{out}: {len(pictures)} frames; {ended}"
+    ended: list[str] = []
+
+    def pictures() -> Iterator[tuple[Image, bool]]:
+        for moment in moments:
+            if moment.outcome is not None:
+                ended.append(moment.outcome.name.lower())
+            yield draw(moment), moment.outcome is not None
+
+    count = write_film(out, pictures(), FPS)
+    return f"{out}: {count} frames; {', '.join(ended)}"
 
 
 def _show(run: Path, moments: Iterator[Moment]) -> str:
@@ -84,9 +91,9 @@ def _show(run: Path, moments: Iterator[Moment]) -> str:
     return f"{run}: window closed"
 
 
-def _drive(run: Path, seeds: Iterator[int]) -> str:
+def _drive(run: Path, seeds: Iterator[int], task: Task | None) -> str:
     config = to_act_here(read_config(run))
-    task = task_of(config)
+    task = task or task_of(config)
     check_runnable(config, task)
     if not task.keys:
         raise OutputError(f"--human: expected a task that says its keys, found none for {task.name}")

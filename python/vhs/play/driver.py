@@ -67,7 +67,7 @@ class Person:
         """Of the episodes that ended."""
         self._keyed: int | None = None
         spec = task.spec()
-        env = make_env(task, spec, render_mode="rgb_array")
+        env = make_env(task, spec, rendering=True)
         stepping = LocalStepping([env])
         self._episodes = Episodes(stepping, self, make_buffer(config, spec, 1, 1), seeds)
         self._onlooker = Onlooker(task, spec, env, stepping)

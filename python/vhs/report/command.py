@@ -18,6 +18,7 @@ from vhs.report.setup import setup_section
 from vhs.report.tracks import Track, play_tracks, success_and_spl, wilson_interval
 from vhs.runs.files import check_writable, write_files
 from vhs.runs.reader import Group, Run, find_runs, group_runs, read_run
+from vhs.task import Task
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +32,14 @@ class _Subject:
     tracks: Sequence[Track]
 
 
-def report(path: Path, out: Path | None = None, *, episodes: int = 100, seed: int = 0) -> Path:
+def report(
+    path: Path,
+    out: Path | None = None,
+    *,
+    episodes: int = 100,
+    seed: int = 0,
+    task: Task | None = None,
+) -> Path:
     """Write a page about a run, or about every run below a directory.
 
     The agent of one run is looked at closely: the one with a checkpoint and the best success.
@@ -40,7 +48,8 @@ def report(path: Path, out: Path | None = None, *, episodes: int = 100, seed: in
         path: a run, or a directory that holds some.
         out: HTML file; `report.html` in `path` when None.
         episodes: evaluation episodes that are played for the page.
-        seed: which rooms they are in.
+        seed: which ones.
+        task: of the agent that is looked at; None: the task that its configuration names.
 
     Returns:
         Where the page is.
@@ -53,7 +62,7 @@ def report(path: Path, out: Path | None = None, *, episodes: int = 100, seed: in
     runs = [read_run(run, name, strict=False) for run, name in find_runs([path]).items()]
     check_writable(out)
     groups = sorted(group_runs(runs, strict=False), key=lambda group: (group.task or "", group.label))
-    subject = _subject(runs, episodes, seed)
+    subject = _subject(runs, episodes, seed, task)
     text = page(
         _title(groups),
         _subtitle(runs, subject),
@@ -65,14 +74,14 @@ def report(path: Path, out: Path | None = None, *, episodes: int = 100, seed: in
     return out
 
 
-def _subject(runs: Sequence[Run], episodes: int, seed: int) -> _Subject:
+def _subject(runs: Sequence[Run], episodes: int, seed: int, task: Task | None) -> _Subject:
     candidates = sorted((run for run in runs if run.has_checkpoint), key=lambda run: -run.final_success)
     if not candidates:
         best = max(runs, key=lambda run: run.final_success)
         return _Subject(best, None, "no run has a checkpoint", ())
     run = candidates[0]
     try:
-        agent = load_agent(run.path)
+        agent = load_agent(run.path, task)
         return _Subject(run, agent, "", play_tracks(agent, episodes, seed))
     except VhsError as error:
         return _Subject(run, None, str(error), ())

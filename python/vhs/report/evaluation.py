@@ -15,7 +15,8 @@ from vhs.report.svg import Axes, Frame, Line, svg
 from vhs.report.tracks import Track, confusion, pick
 from vhs.show.moments import Moment
 
-_LEAD = (
+_LEAD = "The first two of each outcome: what the agent saw, what it then did, and the value it expected."
+_ROOM_LEAD = (
     "The first two of each outcome. From above: the way the robot took, from the open to the filled arrow, "
     "larger dots where it stayed longer; dashed, a shortest way; the wedge, its reach at the end; the ring, "
     "its goal. Beside it: what it saw, what it then did, and the value it expected."
@@ -32,9 +33,13 @@ def confusion_section(tracks: Sequence[Track], names: Sequence[str], why: str) -
     if wrong:
         note += f" In {wrong} the right goal got the wrong interaction."
     steps_note = "One dot an episode; on the dotted line no way is shorter."
-    cards = card("Steps taken and steps needed", _steps(tracks), steps_note)
+    cards = ""
     if any(track.moments[-1].reached is not None for track in tracks):
-        cards = card("Episodes by goal", _matrix(tracks, names), note) + cards
+        cards += card("Episodes by goal", _matrix(tracks, names), note)
+    if any(track.optimal_steps is not None for track in tracks):
+        cards += card("Steps taken and steps needed", _steps(tracks), steps_note)
+    if not cards:
+        return Section("confusion", title, missing("the task says neither `reached` nor `shortest`"))
     lead = "Episodes that training never saw. The agent itself never learns what it reached."
     return Section("confusion", title, f'<div class="grid">{cards}</div>', lead)
 
@@ -46,7 +51,8 @@ def episode_section(tracks: Sequence[Track], names: Sequence[str], why: str) -> 
     absent = [o.name.lower() for o in Outcome if all(track.outcome is not o for track in tracks)]
     none = f" None of {len(tracks)} episodes ended in {' or '.join(absent)}." if absent else ""
     body = "".join(_episode(track, names) for track in pick(tracks))
-    return Section("episodes", "Episodes", body, _LEAD + none)
+    lead = _LEAD if all(track.way is None for track in tracks) else _ROOM_LEAD
+    return Section("episodes", "Episodes", body, lead + none)
 
 
 def _matrix(tracks: Sequence[Track], names: Sequence[str]) -> str:
@@ -67,8 +73,6 @@ def _matrix(tracks: Sequence[Track], names: Sequence[str]) -> str:
 def _steps(tracks: Sequence[Track]) -> str:
     """Steps of each episode over the length of its shortest way."""
     points = [(t.optimal_steps, t.steps, t.outcome) for t in tracks if t.optimal_steps is not None]
-    if not points:
-        return missing("no episode has a way to its goal")
     end = max(x for x, *_ in points) + 1
     corner = np.array([0.0, end])
     axes = Axes("steps taken over the shortest way", x_label="steps of a shortest way; upwards: steps taken")
@@ -89,7 +93,7 @@ def _steps(tracks: Sequence[Track]) -> str:
 
 def _episode(track: Track, names: Sequence[str]) -> str:
     end, outcome = track.moments[-1], track.outcome.name.lower()
-    other = None if end.reached in (-1, track.goal) else end.reached
+    other = None if end.reached in (-1, track.goal) else end.reached  # None where the task does not say
     reached = "" if other is None else f", {names[other]} reached"
     best = "" if track.optimal_steps is None else f", shortest {track.optimal_steps}"
     told = f"episode {track.number}, {track.steps} step{'' if track.steps == 1 else 's'}{best}"

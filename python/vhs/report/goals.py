@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from vhs.acting.policy import Policy
+from vhs.png import as_picture
 from vhs.report.decoder import decode
 from vhs.report.page import Section, card, figure, image, legend, missing, shaded
 from vhs.report.svg import svg
@@ -63,7 +64,7 @@ def look_at_goals(agent: Policy) -> StoredGoals | None:
     prototypes = agent.goals.prototypes
     return StoredGoals(
         counts=store.counts,
-        frames=np.ascontiguousarray(observations[..., -colours:]),
+        frames=np.ascontiguousarray(as_picture(observations[..., -colours:])),
         labels=np.concatenate([np.full(len(images), label, dtype=np.int64) for label, images in found]),
         features=_embed(agent, observations),
         prototypes=prototypes.table,

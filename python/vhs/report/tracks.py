@@ -56,7 +56,7 @@ def play_tracks(agent: Policy, episodes: int, seed: int) -> list[Track]:
     played = play_moments(agent, env, seeds, seed, greedy=False)
     tracks: list[Track] = []
     for first in played:
-        optimal = None if agent.task.shortest is None else agent.task.shortest(env)
+        optimal = None if agent.task.shortest is None else agent.task.shortest(env.unwrapped)
         watch = RoomWatch.of(env)
         moments = [first]
         for moment in played:

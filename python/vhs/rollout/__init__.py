@@ -10,11 +10,12 @@ if not sys.platform.startswith("linux"):
     raise ImportError(f"vhs.rollout: expected Linux, in whose memory its workers meet, found {sys.platform}")
 
 from vhs.rollout.batch import Batch
-from vhs.rollout.errors import PoolClosedError, RemoteTraceback, WorkerError
+from vhs.rollout.errors import AnswerTimeoutError, PoolClosedError, RemoteTraceback, WorkerError
 from vhs.rollout.pool import PoolStats, RolloutPool
 from vhs.rollout.vector import RolloutVectorEnv
 
 __all__ = [
+    "AnswerTimeoutError",
     "Batch",
     "PoolClosedError",
     "PoolStats",

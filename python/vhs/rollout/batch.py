@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from vhs._core import RolloutLearner
 from vhs.rollout.leaves import Nest, view_rows
 
-CUT, QUARANTINED, BLOB = 1 << 4, 1 << 5, 1 << 7
+CUT, QUARANTINED, BLOB, OUTSIDE = 1 << 4, 1 << 5, 1 << 7, 1 << 9
 """Bits of a row's flags, as in `rust/vhs-rollout/src/flags.rs`."""
 
 _SCALARS = {
@@ -87,6 +87,10 @@ class Blocks:
         """How many blocks there are, used or not."""
         return len(self._blocks)
 
+    def forget(self) -> None:
+        """Give back the memory that no batch uses; none is taken any more."""
+        self._blocks.clear()
+
     def take(self) -> Block:
         """A block that no batch and no array of a batch uses."""
         for position, block in enumerate(self._blocks):
@@ -116,10 +120,11 @@ class Blobs:
 class Batch:
     """Answers of some environments, in the order of their ids.
 
-    Arrays are made when asked for and share memory.
+    Arrays are made when asked for and share memory. Parts of observations that are no arrays, such as text,
+    are tuples with an item a row.
     """
 
-    __slots__ = ("_block", "_finals", "_infos", "_nest", "_rows")
+    __slots__ = ("_block", "_finals", "_infos", "_loose", "_loose_finals", "_nest", "_rows")
 
     def __init__(self, block: Block, rows: int, finals: int, nest: Nest) -> None:
         """View the first `rows` rows of a filled block, `finals` of which have a final observation."""
@@ -128,6 +133,8 @@ class Batch:
         self._finals = finals
         self._nest = nest
         self._infos: dict[int, dict[str, Any]] | None = None
+        self._loose: Sequence[Sequence[Any]] = ()
+        self._loose_finals: Sequence[Sequence[Any]] = ()
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -152,7 +159,7 @@ class Batch:
     @property
     def observation(self) -> Any:
         """What to act on, nested as the observation space, each leaf [n, ...]."""
-        return self._nested(self._block.leaves, self._rows)
+        return self._nested(self._block.leaves, self._rows, self._loose)
 
     @property
     def rewards(self) -> NDArray[np.float64]:
@@ -209,17 +216,27 @@ class Batch:
     @property
     def final_observation(self) -> Any:
         """Last observations of the episodes of `final_rows`, nested, each leaf [m, ...]."""
-        return self._nested(self._block.final_leaves, self._finals)
+        return self._nested(self._block.final_leaves, self._finals, self._loose_finals)
 
     def notable(self) -> list[tuple[int, int, int, int]]:
         """Rows with something to look at: row, environment, flags, length of the pickled part in bytes."""
         flags = self._column("flags")
-        rows = np.flatnonzero(flags & (CUT | QUARANTINED | BLOB))
+        rows = np.flatnonzero(flags & (CUT | QUARANTINED | BLOB | OUTSIDE))
         columns = (rows, self._column("env_ids")[rows], flags[rows], self._column("blob_bytes")[rows])
         return list(zip(*(column.tolist() for column in columns), strict=True))
+
+    def add(self, row: int, content: Any) -> None:
+        """Take what was pickled with an answer; in the order of the rows."""
+        if self._nest.loose:
+            content, loose, finals = content
+            self._loose = [*self._loose, loose]
+            if finals is not None:
+                self._loose_finals = [*self._loose_finals, finals]
+        if content:
+            self.infos[row] = content
 
     def _column(self, name: str) -> NDArray[Any]:
         return self._block.columns[name][: self._rows]
 
-    def _nested(self, leaves: Sequence[NDArray[Any]], rows: int) -> Any:
-        return self._nest.join([leaf[:rows] for leaf in leaves])
+    def _nested(self, leaves: Sequence[NDArray[Any]], rows: int, loose: Sequence[Sequence[Any]]) -> Any:
+        return self._nest.join_batch([leaf[:rows] for leaf in leaves], loose)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import pickle
 import traceback
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+from gymnasium.error import ClosedEnvironmentError
 
 from vhs._core import VhsError
 
@@ -13,8 +16,12 @@ class WorkerError(VhsError, RuntimeError):
     """A worker cannot go on: it died again and again, or its error cannot be carried over as it was."""
 
 
-class PoolClosedError(VhsError, RuntimeError):
+class PoolClosedError(VhsError, ClosedEnvironmentError, RuntimeError):
     """A call on a pool that is closed."""
+
+
+class AnswerTimeoutError(VhsError, TimeoutError, multiprocessing.TimeoutError):
+    """Too few environments answered in time; nothing is lost."""
 
 
 class RemoteTraceback(Exception):
@@ -64,17 +71,9 @@ class Failure:
         error.__cause__ = RemoteTraceback(self.text)
         return error
 
-    def packed(self, limit: int) -> bytes:
-        """At most `limit` bytes: the exception goes first, then the beginning of the text."""
-        whole = pickle.dumps(self, protocol=pickle.HIGHEST_PROTOCOL)
-        if len(whole) <= limit:
-            return whole
-        bare = Failure(self.worker, self.env, self.seed, self.step, self.call, self.kind, "", None)
-        room = max(0, limit - len(pickle.dumps(bare, protocol=pickle.HIGHEST_PROTOCOL)) - 16)
-        # A character takes up to four bytes.
-        text = self.text[-(room // 4) :] if room else ""
-        cut = Failure(self.worker, self.env, self.seed, self.step, self.call, self.kind, text, None)
-        return pickle.dumps(cut, protocol=pickle.HIGHEST_PROTOCOL)
+    def bare(self) -> Failure:
+        """What is left where memory for the whole is refused: a few hundred bytes."""
+        return replace(self, error=None, text=self.text[-200:])
 
 
 def _pickled(error: BaseException) -> bytes | None:

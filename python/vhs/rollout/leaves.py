@@ -1,7 +1,8 @@
 """Spaces as bytes: which arrays an observation or an action consists of, and where each lies.
 
-A leaf is one array of fixed shape and type inside a nest of `Dict` and `Tuple` spaces. Leaves are ordered as
-gymnasium orders the spaces, each 64-byte aligned.
+A nest of `Dict` and `Tuple` spaces has parts. A part of fixed shape and type is a leaf: an array in shared
+memory, ordered as gymnasium orders the spaces, 64-byte aligned. Any other part (text, graphs, sequences, a
+space of one's own) is loose: it travels pickled, and a batch has a tuple of them, as gymnasium's batches do.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from vhs._core import DtypeError, ShapeError
 ALIGNMENT = 64
 
 Path = tuple[str | int, ...]
-"""Keys and indices that lead from the whole to a leaf."""
+"""Keys and indices that lead from the whole to a part."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,42 +33,41 @@ class Leaf:
     offset: int
     """From the start of the observation or action, in bytes."""
     is_scalar: bool
-    """Given to environments as a numpy scalar instead of an array: `Discrete`."""
+    """Given to environments as a numpy scalar instead of an array, as gymnasium does."""
 
     @property
     def nbytes(self) -> int:
         """Size in bytes."""
         return self.dtype.itemsize * int(np.prod(self.shape, dtype=np.int64))
 
-    @property
-    def name(self) -> str:
-        """The path for messages, such as `observation['image']`."""
-        return "".join(f"[{part!r}]" for part in self.path)
+
+class Unfit(OverflowError):
+    """A number that the type of its space does not hold."""
 
 
 class Nest:
-    """The leaves of a space, and the ways between nested values and flat lists of arrays."""
+    """The parts of a space, and the ways between nested values and flat lists."""
 
     def __init__(self, space: Space[Any], what: str) -> None:
-        """Find the leaves of a space.
+        """Find the parts of a space.
 
         Args:
-            space: of fixed size: Box, Discrete, MultiBinary, MultiDiscrete, or a Dict or Tuple of such.
+            space: any.
             what: "observation" or "action", for messages.
-
-        Raises:
-            TypeError: the space holds something whose size is not fixed.
         """
         self.what = what
         self.leaves: list[Leaf] = []
+        self.loose: list[int] = []
+        """Places of the loose parts among all."""
         self.nbytes = 0
-        for path, part in _parts(space, (), what):
-            dtype, shape = part.dtype, part.shape
-            assert dtype is not None
-            assert shape is not None
-            leaf = Leaf(path, np.dtype(dtype), shape, self.nbytes, isinstance(part, spaces.Discrete))
-            self.leaves.append(leaf)
-            self.nbytes += -(-leaf.nbytes // ALIGNMENT) * ALIGNMENT
+        self._paths: list[Path] = []
+        for path, part in _parts(space, ()):
+            if _is_fixed(part):
+                self.leaves.append(self._leaf(path, part))
+            else:
+                self.loose.append(len(self._paths))
+            self._paths.append(path)
+        self._fixed = [place for place in range(len(self._paths)) if place not in set(self.loose)]
         self.nbytes_of_leaves = [leaf.nbytes for leaf in self.leaves]
         """Sizes of the leaves, in bytes."""
         self._space = space
@@ -75,48 +75,80 @@ class Nest:
         self.floats = [index for index, leaf in enumerate(self.leaves) if leaf.dtype.kind in "fc"]
         """Leaves that can be NaN."""
 
+    def _leaf(self, path: Path, part: Space[Any]) -> Leaf:
+        dtype, shape = part.dtype, part.shape
+        assert dtype is not None
+        assert shape is not None
+        is_scalar = isinstance(part, spaces.Discrete) or shape == ()
+        leaf = Leaf(path, np.dtype(dtype), shape, self.nbytes, is_scalar)
+        self.nbytes += -(-leaf.nbytes // ALIGNMENT) * ALIGNMENT
+        return leaf
+
+    def is_like(self, other: Nest) -> bool:
+        """Whether values of both have the same parts, each of the same type and shape."""
+        return (self.leaves, self._paths, self.loose) == (other.leaves, other._paths, other.loose)
+
+    def name(self, leaf: Leaf) -> str:
+        """What and where, for messages, such as `observation['image']`."""
+        return self.what + "".join(f"[{part!r}]" for part in leaf.path)
+
     def views(self, memory: NDArray[np.uint8], start: int) -> list[NDArray[Any]]:
         """One array a leaf, over the bytes of one observation or action that begins at `start`."""
         return [_view(memory, start + leaf.offset, leaf.dtype, leaf.shape) for leaf in self.leaves]
 
     def split(self, value: Any) -> list[Any]:
-        """A nested value as a list, one item a leaf."""
+        """A nested value as a list, one item a part."""
         if self._is_flat:
             return [value]
-        return [_follow(value, leaf.path) for leaf in self.leaves]
+        return [_follow(value, path) for path in self._paths]
 
     def join(self, items: Sequence[Any]) -> Any:
-        """A list, one item a leaf, as a nested value."""
+        """A list, one item a part, as a nested value."""
         if self._is_flat:
             return items[0]
         return _join(self._space, iter(items))
 
-    def write(self, views: Sequence[NDArray[Any]], value: Any) -> None:
-        """Copy a nested value into the arrays of its leaves.
+    def join_batch(self, leaves: Sequence[Any], rows: Sequence[Sequence[Any]]) -> Any:
+        """A nested batch from an array a leaf and, for each row, its loose parts."""
+        if not self.loose:
+            return self.join(leaves)
+        parts: list[Any] = [None] * len(self._paths)
+        for place, leaf in zip(self._fixed, leaves, strict=True):
+            parts[place] = leaf
+        for index, place in enumerate(self.loose):
+            parts[place] = tuple(row[index] for row in rows)
+        return self.join(parts)
+
+    def write(self, views: Sequence[NDArray[Any]], value: Any) -> Sequence[Any]:
+        """Copy a nested value into the arrays of its leaves and return its loose parts.
 
         Raises:
             ShapeError: a part has another shape than its space.
-            DtypeError: a part cannot be stored in the type of its space.
+            DtypeError: a part cannot be stored in the type of its space, or a number in it does not fit.
         """
-        if self._is_flat and type(value) is np.ndarray:
+        if self._is_flat and type(value) is np.ndarray and views:
             # The most frequent case, at the price of three comparisons.
             (view,) = views
             if value.dtype == view.dtype and value.shape == view.shape:
                 view[...] = value
-                return
-        for leaf, view, part in zip(self.leaves, views, self.split(value), strict=True):
+                return ()
+        parts = self.split(value)
+        fixed = [parts[place] for place in self._fixed] if self.loose else parts
+        for leaf, view, part in zip(self.leaves, views, fixed, strict=True):
+            array = part if isinstance(part, np.ndarray) else np.asarray(part)
             # Without the check, numpy would broadcast whatever fits.
-            shape = part.shape if isinstance(part, np.ndarray) else np.shape(part)
-            if shape != leaf.shape:
-                raise ShapeError(f"{self.what}{leaf.name}: expected shape {leaf.shape}, got {shape}")
-            try:
-                np.copyto(view, part, casting="same_kind")
-            except TypeError as error:
-                got = np.asarray(part).dtype
-                raise DtypeError(f"{self.what}{leaf.name}: expected {leaf.dtype}, got {got}") from error
+            if array.shape != leaf.shape:
+                raise ShapeError(f"{self.name(leaf)}: expected shape {leaf.shape}, got {array.shape}")
+            if array.dtype != leaf.dtype:
+                try:
+                    array = converted(array, leaf.dtype, self.name(leaf))
+                except Unfit as error:
+                    raise DtypeError(str(error)) from None
+            view[...] = array
+        return [parts[place] for place in self.loose]
 
     def read(self, views: Sequence[NDArray[Any]]) -> Any:
-        """A nested value of its own: nothing in it lies in the arrays."""
+        """A nested value of its own, of leaves alone: nothing in it lies in the arrays."""
         if self._is_flat:
             view = views[0]
             return view[()] if self.leaves[0].is_scalar else view.copy()
@@ -126,7 +158,7 @@ class Nest:
         return self.join(items)
 
     def rows(self, values: Any, count: int) -> list[tuple[int, int, NDArray[Any]]]:
-        """A nested batch as contiguous arrays, each with its leaf's offset and size in bytes.
+        """A nested batch of leaves as contiguous arrays, each with its leaf's offset and size in bytes.
 
         Args:
             values: nested arrays or sequences, first dimension `count`; tensors on the CPU will do.
@@ -135,8 +167,9 @@ class Nest:
         Raises:
             ShapeError: a part has another shape.
             DtypeError: a part cannot be stored in the type of its space.
+            Unfit: a number that the type of its space does not hold.
         """
-        if self._is_flat and type(values) is np.ndarray:
+        if self._is_flat and type(values) is np.ndarray and self.leaves:
             leaf = self.leaves[0]
             # The most frequent case, at the price of three comparisons.
             if (
@@ -150,16 +183,54 @@ class Nest:
             for leaf, size, part in zip(self.leaves, self.nbytes_of_leaves, self.split(values), strict=True)
         ]
 
+    def items(self, values: Any, count: int) -> list[Any]:
+        """A nested batch as a list of nested values, whatever their types: what is to travel pickled.
+
+        Raises:
+            ShapeError: a part has another number of rows.
+        """
+        parts = self.split(values)
+        for place in self._fixed:
+            parts[place] = np.asarray(parts[place])
+        for path, part in zip(self._paths, parts, strict=True):
+            if len(part) != count:
+                where = "".join(f"[{key!r}]" for key in path)
+                raise ShapeError(f"{self.what}s{where}: expected {count} rows, got {len(part)}")
+        return [self.join([part[row] for part in parts]) for row in range(count)]
+
     def _row_array(self, leaf: Leaf, part: Any, count: int) -> NDArray[Any]:
-        array = np.asarray(part)
+        array, name = np.asarray(part), self.name(leaf).replace(self.what, self.what + "s", 1)
         if array.shape != (count, *leaf.shape):
-            expected = (count, *leaf.shape)
-            raise ShapeError(f"{self.what}s{leaf.name}: expected shape {expected}, got {array.shape}")
+            refused = ShapeError if array.ndim else DtypeError
+            raise refused(f"{name}: expected shape {(count, *leaf.shape)}, got {array.shape}")
         if array.dtype is not leaf.dtype and array.dtype != leaf.dtype:
-            if not np.can_cast(array.dtype, leaf.dtype, casting="same_kind"):
-                raise DtypeError(f"{self.what}s{leaf.name}: expected {leaf.dtype}, got {array.dtype}")
-            array = array.astype(leaf.dtype)
+            array = converted(array, leaf.dtype, name)
         return np.ascontiguousarray(array)
+
+
+def converted(array: NDArray[Any], dtype: np.dtype[Any], name: str) -> NDArray[Any]:
+    """Numbers in another type, each as it was but for a float's precision.
+
+    Integers never wrap and finite numbers never become infinite; numpy counts integers of every width as one
+    kind.
+
+    Raises:
+        DtypeError: numbers of another kind.
+        Unfit: a number that the type does not hold.
+    """
+    if dtype.kind in "iu" and array.dtype.kind in "iu":
+        limits = np.iinfo(dtype)
+        for number in (array.min(), array.max()) if array.size else ():
+            if not limits.min <= number <= limits.max:
+                raise Unfit(f"{name}: expected numbers that {dtype} holds, got {number} ({array.dtype})")
+        return array.astype(dtype)
+    if not np.can_cast(array.dtype, dtype, "same_kind"):
+        raise DtypeError(f"{name}: expected {dtype}, got {array.dtype}")
+    with np.errstate(over="ignore"):
+        made = array.astype(dtype)
+    if dtype.kind in "fc" and np.isinf(made).any() and not np.array_equal(np.isinf(made), np.isinf(array)):
+        raise Unfit(f"{name}: expected numbers that {dtype} holds, got larger ones ({array.dtype})")
+    return made
 
 
 def view_rows(
@@ -176,18 +247,20 @@ def _view(
     return memory[start : start + nbytes].view(dtype).reshape(shape)
 
 
-def _parts(space: Space[Any], path: Path, what: str) -> Iterator[tuple[Path, Space[Any]]]:
+def _parts(space: Space[Any], path: Path) -> Iterator[tuple[Path, Space[Any]]]:
     if isinstance(space, spaces.Dict):
         for key, part in space.spaces.items():
-            yield from _parts(part, (*path, key), what)
+            yield from _parts(part, (*path, key))
     elif isinstance(space, spaces.Tuple):
         for index, part in enumerate(space.spaces):
-            yield from _parts(part, (*path, index), what)
-    elif isinstance(space, spaces.Box | spaces.Discrete | spaces.MultiBinary | spaces.MultiDiscrete):
-        yield path, space
+            yield from _parts(part, (*path, index))
     else:
-        expected = "Box, Discrete, MultiBinary, MultiDiscrete, Dict or Tuple"
-        raise TypeError(f"{what} space: expected {expected}, got {type(space).__name__}")
+        yield path, space
+
+
+def _is_fixed(space: Space[Any]) -> bool:
+    """Whether all values of a space are arrays of one shape and type."""
+    return isinstance(space, spaces.Box | spaces.Discrete | spaces.MultiBinary | spaces.MultiDiscrete)
 
 
 def _follow(value: Any, path: Path) -> Any:

@@ -3,31 +3,50 @@
 ``agent.*`` holds network weights and batch-norm statistics, in float16 where they are floating point: acting
 needs no more. A tensor that float16 cannot hold (above 65,504) stays float32. ``prototypes.*`` holds the
 state of `vhs.Prototypes`, the table in float32. The metadata says what trained the agent; a SHA-256 over both
-tells a damaged file.
+tells a damaged file. A stranger may have made the file, and the configuration beside it: both are read
+bounded, and checked against each other before anything of the size that they name is made.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save
+from safetensors import SafetensorError
+from safetensors.torch import load, save
 from torch import Tensor
 
+from vhs.config import Config
+from vhs.config.variants import flat_config
 from vhs.errors import CheckpointError
 from vhs.learning.goals import Goals
-from vhs.models import GoalAgent
+from vhs.models import GoalAgent, make_agent
+from vhs.reading import read_bounded
 from vhs.runs.checkpoint import fitting
+from vhs.task import TaskSpec
 
 FORMAT = "vhs-agent-1"
 _AGENT = "agent."
 _PROTOTYPES = "prototypes."
 _RNG = _PROTOTYPES + "rng"
 _DIGEST = "sha256"
+_MOST_BYTES = 2**30
+_MOST_HEADER_BYTES = 10_000_000
+_LIMITS = {
+    "env.num_envs": 4_096,
+    "env.room.image_px": 1_024,
+    "env.room.horizon_steps": 100_000,
+    "model.frame_stack": 64,
+    "method.goal_capacity": 10_000_000,
+    "train.threads": 1_024,
+}
+"""What takes memory, time or threads when an agent acts, and is in no shape of a weight."""
 
 
 def encode_agent(agent: GoalAgent, goals: Goals, metadata: Mapping[str, str]) -> bytes:
@@ -36,35 +55,97 @@ def encode_agent(agent: GoalAgent, goals: Goals, metadata: Mapping[str, str]) ->
         name: _halved(value) if name.startswith(_AGENT) else value
         for name, value in _tensors(agent, goals).items()
     }
-    described = {**metadata, "format": FORMAT}
+    # A command may name a path that is not UTF-8, which the file has to be.
+    described = {key: value.encode(errors="replace").decode() for key, value in metadata.items()}
+    described["format"] = FORMAT
     return save(tensors, {**described, _DIGEST: _digest(tensors, described)})
 
 
-def read_agent(path: Path, agent: GoalAgent, goals: Goals) -> dict[str, str]:
-    """Load networks and goals into those of the same configuration.
+@dataclass(frozen=True, slots=True)
+class AgentFile:
+    """What an exported agent holds, whole and unchanged since it was written, but maybe by a stranger."""
 
-    Returns:
-        The metadata that `encode_agent` was given.
+    path: Path
+    about: Mapping[str, str]
+    """What `encode_agent` was told."""
+    trained_episodes: int
+    tensors: Mapping[str, Tensor]
+    """All of them finite."""
+
+    def check(self, config: Config, spec: TaskSpec) -> None:
+        """Check a configuration and its task against the file before anything of their size is made.
+
+        Raises:
+            CheckpointError: the networks that they describe are not those of the file.
+        """
+        on_meta = config.model_copy(update={"train": config.train.model_copy(update={"device": "meta"})})
+        try:
+            with torch.device("meta"):  # shapes alone, no memory
+                networks = make_agent(on_meta, spec).state_dict()
+        except (RuntimeError, TypeError, ValueError, OverflowError) as error:
+            raise CheckpointError(
+                f"{self.path}: no network is like the configuration beside it: {error}"
+            ) from error
+        found = {name: tensor for name, tensor in self.tensors.items() if name.startswith(_AGENT)}
+        _check(self.path, found, {_AGENT + name: tensor for name, tensor in networks.items()})
+
+    def load(self, agent: GoalAgent, goals: Goals) -> None:
+        """Put the content into networks and goals.
+
+        Raises:
+            CheckpointError: it does not fit; nothing has changed.
+        """
+        _check(self.path, self.tensors, _tensors(agent, goals))
+        with fitting(self.path):
+            _load(self.tensors, agent, goals)
+
+
+def read_agent(path: Path) -> AgentFile:
+    """Read the file of an exported agent; nothing in it is executed.
 
     Raises:
-        CheckpointError: the file is missing, damaged, of another kind, or does not fit, and then nothing
-            has changed.
+        CheckpointError: the file is missing, no regular file, too large, damaged or of another kind, or holds
+            numbers that are not finite.
     """
     try:
-        with safe_open(path, framework="pt") as file:
-            metadata = dict(file.metadata() or {})
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no mapping)
-    except (OSError, SafetensorError) as error:
+        content = read_bounded(path, _MOST_BYTES)
+        about, tensors = _header(content).get("__metadata__", {}), load(content)
+    except (OSError, SafetensorError, ValueError, RecursionError) as error:
         raise CheckpointError(f"{path}: damaged agent: {error}") from error
-    if metadata.get("format") != FORMAT:
-        found = metadata.get("format", "none")
+    if about.get("format") != FORMAT:
+        found = about.get("format", "none")
         raise CheckpointError(f"{path}: expected an exported agent of format {FORMAT}, found {found}")
-    if metadata.pop(_DIGEST, None) != _digest(tensors, metadata):
+    if about.pop(_DIGEST, None) != _digest(tensors, about):
         raise CheckpointError(f"{path}: damaged agent: its checksum is another one than that of its content")
-    _check(path, tensors, _tensors(agent, goals))
-    with fitting(path):
-        _load(tensors, agent, goals)
-    return metadata
+    for name, tensor in tensors.items():
+        if tensor.is_floating_point() and not torch.isfinite(tensor).all():
+            raise CheckpointError(f"{path}: expected finite numbers as `{name}`, found some that are not")
+    episodes = about.get("trained_episodes", "0")
+    if not re.fullmatch("[0-9]{1,15}", episodes):
+        raise CheckpointError(f"{path}: expected a number as trained_episodes, found {episodes[:40]!r}")
+    return AgentFile(path, about, int(episodes), tensors)
+
+
+def check_limits(config: Config) -> None:
+    """Check that the configuration of an exported agent asks for no more than an agent may need.
+
+    Raises:
+        CheckpointError: it does.
+    """
+    flat = flat_config(config)
+    for key, most in _LIMITS.items():
+        value = flat.get(key)
+        if isinstance(value, int | float) and value > most:
+            raise CheckpointError(f"{key}: expected at most {most:,} in an exported agent, found {value:,}")
+
+
+def _header(content: bytes) -> dict[str, Any]:
+    """The JSON that a safetensors file begins with."""
+    size = int.from_bytes(content[:8], "little")
+    header = json.loads(content[8 : 8 + min(size, _MOST_HEADER_BYTES)])
+    if not isinstance(header, dict) or not isinstance(header.get("__metadata__", {}), dict):
+        raise ValueError("expected a JSON object as header")
+    return header
 
 
 def _tensors(agent: GoalAgent, goals: Goals) -> dict[str, Tensor]:
@@ -90,11 +171,15 @@ def _check(path: Path, tensors: Mapping[str, Tensor], expected: Mapping[str, Ten
     for name in sorted(expected.keys() | tensors.keys()):
         wanted = list(expected[name].shape) if name in expected else "none"
         found = list(tensors[name].shape) if name in tensors else "none"
-        if wanted != found:
-            raise CheckpointError(
-                f"{path}: does not fit the configuration beside it: `{name}`: expected shape {wanted}, "
-                f"found {found}"
-            )
+        if wanted == found:
+            kind, given = expected[name].dtype, tensors[name].dtype
+            if given == kind or (kind.is_floating_point and given == torch.float16):
+                continue
+            wanted, found = f"{wanted} of {kind}", f"{found} of {given}"
+        raise CheckpointError(
+            f"{path}: does not fit the configuration beside it: `{name}`: expected shape {wanted}, "
+            f"found {found}"
+        )
 
 
 def _halved(tensor: Tensor) -> Tensor:

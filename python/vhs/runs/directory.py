@@ -8,7 +8,7 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,21 +16,28 @@ from typing import Any
 
 from vhs import __version__
 from vhs.config import Config, dump_config, load_config
+from vhs.config.schema import unread_keys
+from vhs.config.task import file_of
 from vhs.config.variants import differing_keys, flat_config
 from vhs.errors import CheckpointError, ConfigError
-from vhs.runs.checkpoint import newest_checkpoint, remove_partial_checkpoints
-from vhs.runs.files import remove_partial, write_files, writing
+from vhs.reading import read_bounded
+from vhs.runs.checkpoint import has_checkpoint, newest_checkpoint, remove_partial_checkpoints
+from vhs.runs.files import is_partial, remove_partial, write_files, writing
 from vhs.runs.lock import hold
 from vhs.runs.rows import LOG_NAME
 
 CONFIG_NAME = "config.yaml"
 META_NAME = "run.json"
 LOCK_NAME = ".lock"
+PACKAGE = Path(__file__).parents[1]
 AGENT_NAME = "agent.safetensors"
 """Only in the directory of an exported agent."""
 
+_MOST_BYTES = 10_000_000
+
 MAY_CHANGE = frozenset(
     {
+        "env.deadline_s",
         "env.num_workers",
         "train.episodes",
         "train.checkpoint_every_s",
@@ -46,19 +53,27 @@ rounding where `train.threads` or `train.device` changes, and for its order with
 
 def default_run_directory(config: Config) -> Path:
     """Where a run goes when nobody says: the same command finds the same directory again."""
-    return Path("runs") / f"{config.task}-{config.method.name}-seed{config.seed}"
+    return Path("runs") / f"{config.task_name}-{config.method.name}-seed{config.seed}"
 
 
 def check_run(config: Config, run: Path) -> None:
     """Check that a directory is free, or holds a run of the same configuration.
 
     Raises:
-        CheckpointError: another configuration made the run, or it is an exported agent.
+        CheckpointError: another configuration made the run, it is an exported agent, or the directory holds
+            something else.
     """
+    if run.exists() and not _is_ours(run):
+        kind = "files of something else" if run.is_dir() else "a file"
+        raise CheckpointError(
+            f"{run}: expected a new or an empty directory, or that of a run, found {kind}; give another --out"
+        )
     if is_exported(run):
         raise CheckpointError(f"{run}: holds an exported agent, which cannot train on; give another --out")
-    if (run / CONFIG_NAME).exists():
-        changed = _changed_keys(read_config(run), config) - MAY_CHANGE
+    # A start that failed before anything was learned holds nobody to what it was started with.
+    if (run / CONFIG_NAME).exists() and (has_checkpoint(run) or _has_rows(run)):
+        old = read_config(run)
+        changed = _changed_keys(old, config) - MAY_CHANGE - ({"task"} if _has_moved(old, config) else set())
         if changed:
             raise CheckpointError(
                 f"{run}: holds a run with other values of {', '.join(sorted(changed))}; "
@@ -95,6 +110,17 @@ def open_run(config: Config, run: Path, *, precision: str, episodes: int) -> Ite
         yield
 
 
+def _is_ours(run: Path) -> bool:
+    """Whether a run made the directory, as far as a kill let it, or nobody has put anything there."""
+    if not run.is_dir():
+        return False
+    names = {path.name for path in run.iterdir() if not is_partial(path)}
+    if names <= {LOCK_NAME} or is_exported(run) or has_checkpoint(run):
+        return True
+    # Somebody's own overlay is a `config.yaml` as well.
+    return CONFIG_NAME in names and not names.isdisjoint({META_NAME, LOCK_NAME})
+
+
 def _meta(run: Path, start: dict[str, Any], episodes: int) -> dict[str, Any]:
     """What made the run first, and under `resumed` every later start, maybe of another machine or commit."""
     if not episodes:
@@ -126,6 +152,35 @@ def is_exported(path: Path) -> bool:
     return (path / AGENT_NAME).exists()
 
 
+def fixed_settings(config: Config) -> dict[str, Any]:
+    """What a run keeps for good, by dotted key: a checkpoint says it beside the weights that it made.
+
+    Of a task in a file it is the name, for a file may move.
+    """
+    unread = {key for key, _ in unread_keys(config.method.parts)}
+    settings = {key: value for key, value in flat_config(config).items() if key not in MAY_CHANGE | unread}
+    return settings | ({"task": config.task_name} if "task" in settings else {})
+
+
+def check_settings(run: Path, config: Config, made_with: Mapping[str, Any]) -> None:
+    """Check that the configuration in a directory is the one that made the checkpoint there.
+
+    Args:
+        run: the directory.
+        config: the one in it.
+        made_with: `fixed_settings` as the checkpoint has them.
+
+    Raises:
+        CheckpointError: it has changed since; the keys are named.
+    """
+    found = fixed_settings(config)
+    changed = sorted(key for key in found.keys() & made_with.keys() if found[key] != made_with[key])
+    if changed:
+        raise CheckpointError(
+            f"{run / CONFIG_NAME}: has other values of {', '.join(changed)} than the checkpoint was made with"
+        )
+
+
 def read_meta(run: Path) -> dict[str, Any]:
     """What made a run: `describe` at its first start, and at every later one in the list ``resumed``.
 
@@ -134,14 +189,16 @@ def read_meta(run: Path) -> dict[str, Any]:
     """
     path = run / META_NAME
     try:
-        meta = json.loads(path.read_text(encoding="utf-8"))
+        meta: Any = json.loads(read_bounded(path, _MOST_BYTES))
     except OSError as error:
         raise CheckpointError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise CheckpointError(f"{path}: expected JSON, found {error}") from error
-    if not isinstance(meta, dict):
-        raise CheckpointError(f"{path}: expected a JSON object, found {type(meta).__name__}")
-    return meta
+    if isinstance(meta, dict):
+        starts = meta.get("resumed", [])
+        if isinstance(starts, list) and all(isinstance(start, dict) for start in starts):
+            return meta
+    raise CheckpointError(f"{path}: expected a JSON object, with a list of objects as `resumed` if any")
 
 
 def describe() -> dict[str, Any]:
@@ -156,24 +213,41 @@ def describe() -> dict[str, Any]:
     }
 
 
+def _has_rows(run: Path) -> bool:
+    log = run / LOG_NAME
+    return log.exists() and log.stat().st_size > 0
+
+
+def _has_moved(old: Config, new: Config) -> bool:
+    """Whether the file of the task was moved to where it is now said to be."""
+    before, now = file_of(old.task), file_of(new.task)
+    if before is None or now is None:
+        return False
+    return not before[0].exists() and (before[0].name, before[1]) == (now[0].name, now[1])
+
+
 def _changed_keys(old: Config, new: Config) -> set[str]:
     return set(differing_keys([flat_config(old), flat_config(new)]))
 
 
 def _commit() -> str | None:
-    """The commit of the checkout that this package lies in, if it lies in one."""
-    here = Path(__file__).parent
-    try:
-        answer = subprocess.run(
-            ["git", "describe", "--always", "--dirty", "--abbrev=12"],
-            cwd=here,
-            capture_output=True,
-            text=True,
-            timeout=10,
-        )
-    except (OSError, subprocess.TimeoutExpired):
+    """The commit of the checkout that this package lies in, if it lies in one of its own.
+
+    An environment inside another repository is no checkout of this one.
+    """
+    if _git("rev-parse", "--show-prefix") != "python/vhs/":
         return None
-    return answer.stdout.strip() or None
+    return _git("describe", "--always", "--dirty", "--abbrev=12") or None
+
+
+def _git(*arguments: str) -> str:
+    """What git says about the directory of the package; nothing where there is no git or no repository."""
+    command = ["git", *arguments]
+    try:
+        answer = subprocess.run(command, cwd=PACKAGE, capture_output=True, text=True, timeout=10)
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return answer.stdout.strip()
 
 
 def _processor() -> str:

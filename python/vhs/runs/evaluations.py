@@ -8,13 +8,20 @@ from pathlib import Path
 from typing import Any
 
 from vhs.errors import CheckpointError
+from vhs.reading import read_bounded
 from vhs.runs.files import write_files
+from vhs.runs.lock import hold
 
 EVALUATIONS_NAME = "eval.json"
 
 _IDENTITY: Mapping[str, type] = {"trained_episodes": int, "seed": int, "greedy": bool, "episodes": int}
 """What tells two evaluations of a run apart; the same again replaces the old entry."""
-_RATES = ("success", "failure", "timeout", "spl")
+_MOST_BYTES = 10_000_000
+_PATIENCE_S = 60.0
+"""Others write for moments only."""
+_RATES = ("success", "failure", "timeout")
+_OPTIONAL = "spl"
+"""A rate too; null where the task says no shortest way."""
 
 
 def record_evaluation(run: Path, evaluation: Mapping[str, Any]) -> None:
@@ -28,9 +35,10 @@ def record_evaluation(run: Path, evaluation: Mapping[str, Any]) -> None:
         CheckpointError: the present `eval.json` is damaged; it stays as it is.
         OutputError: the directory cannot be written.
     """
-    others = [entry for entry in read_evaluations(run) if _identity(entry) != _identity(evaluation)]
-    entries = sorted([*others, dict(evaluation)], key=_identity)
-    write_files(run, {EVALUATIONS_NAME: json.dumps(entries, indent=2) + "\n"})
+    with hold(run, f"{run}: another process records an evaluation", patience_s=_PATIENCE_S):
+        others = [entry for entry in read_evaluations(run) if _identity(entry) != _identity(evaluation)]
+        entries = sorted([*others, dict(evaluation)], key=_identity)
+        write_files(run, {EVALUATIONS_NAME: json.dumps(entries, indent=2) + "\n"})
 
 
 def read_evaluations(run: Path) -> list[dict[str, Any]]:
@@ -41,18 +49,18 @@ def read_evaluations(run: Path) -> list[dict[str, Any]]:
     """
     path = run / EVALUATIONS_NAME
     try:
-        entries = json.loads(path.read_bytes())
+        entries = json.loads(read_bounded(path, _MOST_BYTES))
     except FileNotFoundError:
         return []
     except OSError as error:
         raise CheckpointError(f"{path}: cannot read the evaluations: {error.strerror}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise CheckpointError(
             f"{path}: expected JSON, found {error}; delete it and evaluate again"
         ) from error
     if not isinstance(entries, list) or not all(map(_is_evaluation, entries)):
         raise CheckpointError(
-            f"{path}: expected a list of evaluations with {', '.join([*_IDENTITY, *_RATES])}; "
+            f"{path}: expected a list of evaluations with {', '.join([*_IDENTITY, *_RATES, _OPTIONAL])}; "
             "delete it and evaluate again"
         )
     return entries
@@ -66,5 +74,11 @@ def _is_evaluation(entry: Any) -> bool:
     return (
         isinstance(entry, dict)
         and all(type(entry.get(name)) is kind for name, kind in _IDENTITY.items())
-        and all(isinstance(entry.get(name), int | float) and 0 <= entry[name] <= 1 for name in _RATES)
+        and all(_is_share(entry.get(name)) for name in _RATES)
+        and _OPTIONAL in entry
+        and (entry[_OPTIONAL] is None or _is_share(entry[_OPTIONAL]))
     )
+
+
+def _is_share(value: Any) -> bool:
+    return isinstance(value, int | float) and 0 <= value <= 1

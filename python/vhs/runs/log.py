@@ -14,6 +14,7 @@ from typing import Any, Protocol
 
 from torch.utils.tensorboard import SummaryWriter
 
+from vhs.errors import CheckpointError
 from vhs.runs.files import write_files, writing
 from vhs.runs.rows import LOG_NAME, read_log
 
@@ -44,11 +45,17 @@ class JsonLog:
                 the log holds each episode once.
 
         Raises:
-            CheckpointError: a line of the present log is damaged.
+            CheckpointError: a line of the present log is damaged, or rows before `kept` are missing from it.
             OutputError: the log cannot be written.
         """
         self._path = run / LOG_NAME
         rows = [row for row in read_log(run) if row["episodes"] <= kept]
+        found = rows[-1]["episodes"] if rows else 0
+        if found < kept and self._path.exists():
+            raise CheckpointError(
+                f"{self._path}: expected rows up to episode {kept}, as the checkpoint has them, found them "
+                f"up to {found}: bring them back, or move the file away to go on with a log that begins here"
+            )
         write_files(run, {LOG_NAME: "".join(json.dumps(row) + "\n" for row in rows)})
         with writing(self._path):
             self._file = self._path.open("a", encoding="utf-8")
@@ -86,6 +93,15 @@ class BoardLog:
         self._path = run / "tensorboard"
         with writing(self._path):
             self._board = SummaryWriter(str(self._path), purge_step=kept + 1 if kept else None)
+
+    @staticmethod
+    def takes(run: Path) -> bool:
+        """Whether TensorBoard can write there at all."""
+        try:
+            str(run).encode()
+        except UnicodeEncodeError:
+            return False
+        return True
 
     def write(self, row: Mapping[str, Any]) -> None:
         """Add the numbers of a row."""

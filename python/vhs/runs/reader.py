@@ -230,9 +230,9 @@ def _group(members: Sequence[Run], runs: Sequence[Run]) -> Group:
     if config is None:
         return Group(Label(members[0].name), None, members)
     # What sets a method apart on one task shall be said on every task.
-    peers = [settings(run.found_config) | {"task": config.task} for run in runs if run.found_config]
+    peers = [settings(run.found_config) | {"task": config.task_name} for run in runs if run.found_config]
     ordered = sorted(members, key=lambda run: run.config.seed)
-    return Group(label(settings(config), peers), config.task, ordered)
+    return Group(label(settings(config), peers), config.task_name, ordered)
 
 
 def _runs_below(path: Path) -> Iterator[Path]:

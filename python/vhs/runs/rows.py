@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from vhs.errors import CheckpointError
+from vhs.reading import read_bounded
 
 LOG_NAME = "log.jsonl"
+_MOST_BYTES = 2**30
 
 Row = dict[str, Any]
 
@@ -32,11 +34,12 @@ def read_log(run: Path, on_damage: Callable[[CheckpointError], None] = _refuse) 
     """
     path = run / LOG_NAME
     try:
-        whole = path.read_bytes().split(b"\n")[:-1]
+        whole = read_bounded(path, _MOST_BYTES).split(b"\n")[:-1]
     except FileNotFoundError:
         return []
-    except OSError as error:
-        on_damage(CheckpointError(f"{path}: cannot be read: {error.strerror}"))
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else error
+        on_damage(CheckpointError(f"{path}: cannot be read: {why}"))
         return []
     rows: list[Row] = []
     for number, line in enumerate(whole, 1):
@@ -54,14 +57,20 @@ def _parse(line: bytes, before: int) -> Row:
         ValueError: what was expected, and what was found.
     """
     try:
-        row = json.loads(line)
+        row = json.loads(line, parse_constant=_no_number)
     except (ValueError, RecursionError):
         row = None
     if not isinstance(row, dict) or type(row.get("episodes")) is not int:
         raise ValueError(f"a JSON object with `episodes`, found {line[:40].decode(errors='replace')!r}")
     if row["episodes"] <= before:
         raise ValueError(f"more than {before} episodes, found {row['episodes']}")
+    if not all(value is None or isinstance(value, int | float) for value in row.values()):
+        raise ValueError("numbers and nothing else in a row, found something else")
     share = row.get("rate/success")
     if not isinstance(share, int | float) or not 0 <= share <= 1:
         raise ValueError(f"a share as `rate/success`, found {share!r}")
     return row
+
+
+def _no_number(text: str) -> NoReturn:
+    raise ValueError(f"a finite number, found {text}")

@@ -20,6 +20,7 @@ from vhs.acting.episodes import EndedEpisode, Episodes, Running
 from vhs.acting.policy import Policy
 from vhs.acting.setup import make_buffer
 from vhs.acting.stepping import LocalStepping
+from vhs.png import as_picture
 from vhs.task import Task, TaskSpec
 
 
@@ -33,7 +34,7 @@ class Moment:
     """Instructed goal class."""
     instruction: str
     view: NDArray[np.uint8]
-    """The newest frame, uint8 [height, width, channels]."""
+    """The newest frame as a picture, uint8 [height, width, 3]."""
     onlooker: NDArray[np.uint8] | None
     """What the environment renders, uint8 [H, W, 3], where it does."""
     action: str | None = None
@@ -72,9 +73,10 @@ class Onlooker:
         instruction = self._task.goal_name(goal)
         if self._spec.num_interactions > 1:
             instruction += f", interaction {interaction + 1}"
-        view = self._stepping.newest.frames[0]
-        onlooker = self._env.render() if self._env.render_mode == "rgb_array" else None
-        return Moment(step, goal, instruction, view, onlooker, **known)  # type: ignore[arg-type]
+        view = as_picture(self._stepping.newest.frames[0])
+        rendered: Any = self._env.render() if self._env.render_mode == "rgb_array" else None
+        onlooker = None if rendered is None else as_picture(np.asarray(rendered))
+        return Moment(step, goal, instruction, view, onlooker, **known)
 
 
 def play_moments(

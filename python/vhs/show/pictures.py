@@ -66,8 +66,7 @@ def _frame_outcome(canvas: ImageDraw.ImageDraw, moment: Moment, font: ImageFont.
 
 def _enlarged(view: NDArray[np.uint8], how: Image.Resampling) -> Image.Image:
     """A view in the middle of a square of `SIDE_PX`; the agent's pixels stay visible as pixels."""
-    # Frames of other numbers of channels are no pictures: the first channel is shown.
-    picture = Image.fromarray(view if view.shape[2] == 3 else view[..., 0]).convert("RGB")
+    picture = Image.fromarray(view)
     scale = SIDE_PX / max(picture.size)
     large = picture.resize((round(scale * picture.width), round(scale * picture.height)), how)
     square = Image.new("RGB", (SIDE_PX, SIDE_PX), BACKGROUND)

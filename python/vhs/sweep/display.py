@@ -81,5 +81,5 @@ def describe_result(directory: Path, evaluation: EvalSection) -> str:
     if found is None:
         return "not evaluated"
     minutes = f", {row['time/minutes']:.1f} min" if row and "time/minutes" in row else ""
-    rates = f"success {found['success']:.1%}, SPL {found['spl']:.3f}"
-    return f"{rates}, {found['trained_episodes']:,} episodes{minutes}"
+    spl = "" if found["spl"] is None else f", SPL {found['spl']:.3f}"
+    return f"success {found['success']:.1%}{spl}, {found['trained_episodes']:,} episodes{minutes}"

@@ -16,8 +16,9 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from vhs.config import Config, known_keys, resolve_config
-from vhs.config.load import nest, parse_assignment, read_yaml, unflatten, validate
+from vhs.config.load import nest, parse_assignment, read_placed, read_yaml, unflatten, validate
 from vhs.config.schema import idle_keys
+from vhs.config.task import placed, placed_task
 from vhs.config.variants import describe_keys, differing_keys, flat_config
 from vhs.config.yaml12 import dump_yaml
 from vhs.errors import ConfigError
@@ -102,13 +103,25 @@ def read_sweep(path: Path, overrides: Iterable[str] = ()) -> Sweep:
     Raises:
         ConfigError: a file that cannot be read, an unknown key (the nearest one is named), a wrong value.
     """
-    tree, assigned = read_yaml(path), dict(map(parse_assignment, overrides))
+    tree, assigned = read_yaml(path), placed(dict(map(parse_assignment, overrides)), Path())
     if assigned and isinstance(tree.setdefault("set", {}), dict):
         tree["set"] |= assigned
     try:
-        return validate(Sweep, tree, [*known_keys(Sweep), *known_keys(GridSection, "grids.")])
+        content = validate(Sweep, tree, [*known_keys(Sweep), *known_keys(GridSection, "grids.")])
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from None
+    return _placed(content, path.parent)
+
+
+def _placed(sweep: Sweep, directory: Path) -> Sweep:
+    """A sweep whose tasks, where they are files, are found from its directory."""
+    grids = []
+    for section in sweep.grids:
+        grid = section.grid
+        if "task" in grid:
+            grid = {**grid, "task": [placed_task(task, directory) for task in grid["task"]]}
+        grids.append(section.model_copy(update={"set": placed(section.set, directory), "grid": grid}))
+    return sweep.model_copy(update={"set": placed(sweep.set, directory), "grids": tuple(grids)})
 
 
 def plan_runs(path: Path, sweep: Sweep, cores_per_run: int) -> list[PlannedRun]:
@@ -124,7 +137,7 @@ def plan_runs(path: Path, sweep: Sweep, cores_per_run: int) -> list[PlannedRun]:
     """
     bases = [Path(os.path.normpath(path.parent / base)) for base in sweep.base]
     # What a sweep sets for all of its runs speaks to the methods that read it, as a file does.
-    shared = [*(read_yaml(base) for base in bases), unflatten(sweep.set)]
+    shared = [*(read_placed(base) for base in bases), unflatten(sweep.set)]
     runs: dict[str, PlannedRun] = {}
     for where, own, seed in _combinations(sweep):
         own |= {"seed": seed, "env.num_workers": 0, "train.threads": 1}
@@ -181,8 +194,9 @@ def _name(plain: Config | None, config: Config, own: Iterable[str]) -> str:
         changed = [key for key in flat if f"{key}.".startswith(prefixes)]
     else:
         changed = differing_keys([flat_config(plain), flat])
-    keys = [key for key in changed if key not in {"task", "method.name", *RESERVED}]
-    return "-".join([config.task, config.method.name, *describe_keys(flat, keys), f"seed{config.seed}"])
+    told = {"method.name", *RESERVED}
+    keys = [key for key in changed if key not in told and key.partition(".")[0] != "task"]
+    return "-".join([config.task_name, config.method.name, *describe_keys(flat, keys), f"seed{config.seed}"])
 
 
 def _arguments(bases: list[Path], keys: Mapping[str, Any]) -> tuple[str, ...]:

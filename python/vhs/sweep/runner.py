@@ -76,7 +76,7 @@ def sweep(
     ):
         status = _Sweep(runs, content.eval, out, slots, lock, display).run(stop)
         if status == 0:
-            for task in sorted({run.config.task for run in runs}):
+            for task in sorted({run.config.task_name for run in runs}):
                 display.say(f"compare them:  vhs compare {out / task}-*")
         return status
 

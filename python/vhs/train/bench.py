@@ -17,7 +17,14 @@ import torch
 
 from vhs.acting.episodes import Episodes
 from vhs.acting.players import RandomPlayer
-from vhs.acting.setup import check_runnable, convolution_dtype, make_buffer, make_stepping, task_of
+from vhs.acting.setup import (
+    check_runnable,
+    convolution_dtype,
+    learn_spec,
+    make_buffer,
+    make_stepping,
+    task_of,
+)
 from vhs.config import Config
 from vhs.errors import OutputError
 from vhs.train.log import TrainingLog
@@ -65,7 +72,7 @@ def bench(config: Config, seconds: float = 10.0) -> Speed:
     environments = measure_environments(config, seconds)
     steps, episodes = measure_training(config, seconds)
     return Speed(
-        task=config.task,
+        task=config.task_name,
         method=config.method.name,
         cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
         threads=config.train.threads,
@@ -80,7 +87,7 @@ def bench(config: Config, seconds: float = 10.0) -> Speed:
 def measure_environments(config: Config, seconds: float) -> float:
     """Steps a second of the environments; a reset counts as none, and takes its time."""
     streams, task = config.env.num_envs, task_of(config)
-    spec = task.spec()
+    spec = learn_spec(config, task)
     player = RandomPlayer(spec, np.random.default_rng(config.seed))
     with closing(make_stepping(config, task, spec, streams)) as stepping:
         episodes = Episodes(stepping, player, make_buffer(config, spec, streams, streams), itertools.count())

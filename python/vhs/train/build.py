@@ -6,6 +6,7 @@ from vhs import Rng
 from vhs.acting.setup import convolution_dtype, settled
 from vhs.config import Config
 from vhs.learning.learner import Learner
+from vhs.learning.reckoning import make_reckoning
 from vhs.learning.told import make_goals
 from vhs.models import ExtractorFactory, make_agent
 from vhs.task import TaskSpec
@@ -23,4 +24,5 @@ def make_learner(config: Config, spec: TaskSpec, extractor: ExtractorFactory | N
         success_reward=spec.success_reward or 0.0,
         dtype=dtype,
         rng=Rng(config.seed),
+        reckoning=make_reckoning(config.method, spec),
     )

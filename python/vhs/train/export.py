@@ -16,14 +16,16 @@ from vhs.errors import CheckpointError
 from vhs.runs.agent_file import encode_agent
 from vhs.runs.directory import AGENT_NAME, CONFIG_NAME, META_NAME, describe, is_exported, read_meta
 from vhs.runs.files import is_partial, write_files
+from vhs.task import Task
 
 
-def export_agent(run: Path, directory: Path) -> Policy:
+def export_agent(run: Path, directory: Path, task: Task | None = None) -> Policy:
     """Write the newest agent of a run to a directory that `load_agent` reads.
 
     Args:
         run: directory of the run.
         directory: a new or an empty one, a mounted volume too; it holds a whole agent or none.
+        task: what it was trained on; None: the task that its configuration names.
 
     Returns:
         What was exported.
@@ -35,7 +37,7 @@ def export_agent(run: Path, directory: Path) -> Policy:
     _check_free(directory)
     if is_exported(run):
         raise CheckpointError(f"{run}: expected the directory of a run, found an exported agent")
-    trained, meta = load_agent(run), read_meta(run)
+    trained, meta = load_agent(run, task), read_meta(run)
     for label in range(len(trained.goals.counts)):
         trained.goals.refresh(label)  # exact prototypes: the images behind them stay here
     about = {name: str(meta.get(name) or "") for name in ("command", "version", "commit")}

@@ -10,6 +10,7 @@ from typing import Any, TextIO
 
 from vhs.console import Output
 from vhs.runs.log import BoardLog, JsonLog, Logger, finite
+from vhs.runs.rows import LOG_NAME
 from vhs.train.display import TrainingDisplay
 
 
@@ -40,14 +41,20 @@ class TrainingLog:
             OutputError: the log cannot be written.
         """
         kept = first_episode if logged is None else logged
+        is_lost = kept > 0 and not (run / LOG_NAME).exists()
         with ExitStack() as opened:
             self._rows = opened.enter_context(closing(JsonLog(run, kept)))
-            board = opened.enter_context(closing(BoardLog(run, kept)))
             self._display = opened.enter_context(
                 closing(TrainingDisplay(Output(stream), total_episodes, first_episode))
             )
-            self._loggers: list[Logger] = [self._rows, board, self._display]
+            self._loggers: list[Logger] = [self._rows, self._display]
+            if BoardLog.takes(run):
+                self._loggers.append(opened.enter_context(closing(BoardLog(run, kept))))
+            else:
+                self.say(f"{run}: no TensorBoard events: it takes no path that is not UTF-8")
             self._opened = opened.pop_all()
+        if is_lost:
+            self.say(f"{run / LOG_NAME}: is gone; the log goes on behind episode {kept}")
 
     def advance(self, episodes: int) -> None:
         """Move the bar."""

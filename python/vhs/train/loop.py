@@ -15,27 +15,32 @@ import torch
 from vhs.acting.actor import Actor
 from vhs.acting.episodes import EndedEpisode, Episodes
 from vhs.acting.players import AgentPlayer
-from vhs.acting.replay import episodes_state, resume_episodes
+from vhs.acting.replay import drop_episodes, episodes_state, resume_episodes
 from vhs.acting.seeds import episode_seeds
 from vhs.acting.setup import (
     check_runnable,
     check_spec,
     convolution_dtype,
+    learn_spec,
     make_buffer,
     make_stepping,
     settled,
     task_of,
+    with_given,
 )
 from vhs.config import Config
 from vhs.interrupt import stop_on_signal
 from vhs.models import ExtractorFactory
 from vhs.runs.checkpoint import fitting, has_checkpoint, load_checkpoint, save_checkpoint
-from vhs.runs.directory import check_run, open_run
+from vhs.runs.directory import check_run, fixed_settings, open_run
 from vhs.runs.window import Window
 from vhs.task import Task, TaskSpec
 from vhs.train.build import make_learner
 from vhs.train.log import TrainingLog
 from vhs.train.memory import keep_freed_memory
+
+_MANY = 100
+"""Episodes without a success that are worth a word."""
 
 
 @dataclass(slots=True)
@@ -66,7 +71,8 @@ def train(
         config: the resolved configuration.
         run: directory of the run; made when missing.
         stream: where a person reads along; standard output by default.
-        task: what to train on; None: the task that the configuration names.
+        task: what to train on; None: the task that the configuration names. Whoever looks at the run later
+            has to say it again.
         extractor: makes the feature extractor in place of `model.extractor`; whoever loads the agent gives it
             again.
 
@@ -77,10 +83,11 @@ def train(
         CheckpointError: the directory holds another configuration's run or a damaged checkpoint.
         OutputError: a checkpoint or the log cannot be written; the checkpoints before it are untouched.
         DivergenceError: the loss became infinite or NaN; the last checkpoint is untouched.
+        ArgumentError: a field of the task does not fit its environment; nothing was written.
     """
-    task = task or task_of(config)
+    config, task = with_given(config, task), task or task_of(config)
     check_runnable(config, task)
-    spec = task.spec()
+    spec = learn_spec(config, task)
     config = settled(config, spec)
     check_run(config, run)
     torch.set_num_threads(config.train.threads)
@@ -105,6 +112,8 @@ def train(
     ):
         if session.progress.episodes:
             log.say(f"resuming {run} at episode {session.progress.episodes}")
+        if session.dropped:
+            log.say(f"dropped {session.dropped} episodes that were under way: {task.name} cannot repeat them")
         while not (session.is_finished or stop.is_set):
             session.advance(log)
         session.finish(log)
@@ -129,15 +138,25 @@ class Session:
         spec: TaskSpec | None = None,
         extractor: ExtractorFactory | None = None,
     ) -> None:
-        """Take up the run in a directory where it stands; `task` and `extractor` as for `train`."""
-        task = task or task_of(config)
-        spec = spec or task.spec()
+        """Take up the run in a directory where it stands.
+
+        Args:
+            config: as for `train`.
+            run: as for `train`.
+            task: as for `train`.
+            spec: what the task was found to be; None: found here.
+            extractor: as for `train`.
+        """
+        task, streams = task or task_of(config), config.env.num_envs
+        spec = spec or learn_spec(config, task)
         config = settled(config, spec)
         self._config = config
         self._run = run
+        self._task = task
         self.progress = Progress()
-        streams = config.env.num_envs
-        check_spec(config, task, spec)
+        self.dropped = 0
+        """Episodes of the checkpoint that could not be brought back."""
+        check_spec(config, task, spec, is_own=extractor is not None)
         self._learner = make_learner(config, spec, extractor)
         self._generator = torch.Generator().manual_seed(config.seed)
         self._window = Window()
@@ -155,8 +174,10 @@ class Session:
         self._waiting: deque[EndedEpisode] = deque()
         if state is None:
             self._episodes.start()
-        else:
+        elif task.replayable:
             self._replay(state)
+        else:
+            self.dropped = drop_episodes(state["episodes"], self._episodes)
         # A finished run has nothing to make again.
         self.rows_until = self.progress.episodes if self.is_finished else self.progress.logged
         self._clock = self._row_clock = self._save_clock = time.monotonic()
@@ -194,6 +215,7 @@ class Session:
         log.advance(self.progress.episodes)
         if len(self._window.episodes) >= self._config.train.log_every:
             self._write_row(log)
+            self._doubt(log)
             self._window, self.progress.logged = Window(), self.progress.episodes
         if time.monotonic() - self._save_clock >= self._config.train.checkpoint_every_s:
             self.save(log)
@@ -214,6 +236,15 @@ class Session:
     def _write_row(self, log: TrainingLog) -> None:
         log.write(self._row())
         self.rows_until = self.progress.episodes
+
+    def _doubt(self, log: TrainingLog) -> None:
+        """Say after the first row that there was no success: nobody learns from a judge that sees none."""
+        count = len(self._window.episodes)
+        if count == self.progress.episodes >= _MANY and not self._window.rates()["success"]:
+            log.say(
+                f"none of the first {count} episodes was a success; if one was, `judge` of task "
+                f"{self._task.name} does not say so"
+            )
 
     def _row(self) -> dict[str, Any]:
         now = time.monotonic()
@@ -252,6 +283,7 @@ class Session:
             "learner": self._learner.state_dict(),
             "actions": self._generator.get_state(),
             "window": self._window.state_dict(),
+            "settings": fixed_settings(self._config),
             "episodes": episodes_state(self._episodes, self._actor, self._waiting),
         }
         save_checkpoint(

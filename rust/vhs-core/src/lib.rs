@@ -10,13 +10,14 @@
 //! | [`hindsight`] | the rules: which rows are relabelled, from where, how they are rewarded |
 //! | [`buffer`] | whole episodes, each frame once; batches, transitions and windows of them |
 //! | [`goals`] | images of achieved goals by class, and prototypes |
-//! | [`returns`] | discounted returns |
+//! | [`returns`], [`egomotion`] | discounted returns; where an episode's end lay at each of its steps |
 //! | [`error`], [`rng`] | what the crates share, from `vhs-base` |
 //!
 //! Each row uses only those above it. What is used most has a short path: `vhs_core::episodes`.
 #![deny(missing_docs)]
 
 pub mod buffer;
+pub mod egomotion;
 pub mod goals;
 pub mod hindsight;
 pub mod item;

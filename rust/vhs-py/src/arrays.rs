@@ -55,9 +55,17 @@ pub(crate) fn integers<'py>(
     field: &'static str,
     argument: &Bound<'py, PyAny>,
 ) -> PyResult<PyReadonlyArrayDyn<'py, i64>> {
-    let array = converted(field, argument, "iu", "integers")?;
+    let array = integer_array(field, argument)?;
     check_vector(field, array.shape())?;
     Ok(array)
+}
+
+/// Integers of any shape as int64.
+pub(crate) fn integer_array<'py>(
+    field: &'static str,
+    argument: &Bound<'py, PyAny>,
+) -> PyResult<PyReadonlyArrayDyn<'py, i64>> {
+    converted(field, argument, "iu", "integers")
 }
 
 /// Real numbers as float32.

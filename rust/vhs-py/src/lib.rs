@@ -18,13 +18,18 @@ macro_rules! stub {
 mod arrays;
 mod batch;
 mod bytes;
+mod egomotion;
 mod episode_buffer;
 mod error;
 mod goals;
 mod hindsight;
 mod prototypes;
 mod raster;
+mod raster_arrays;
 mod raster_feed;
+mod raster_records;
+mod raster_scene;
+mod raster_source;
 mod relabel;
 mod returns;
 mod rng;
@@ -33,10 +38,15 @@ mod rollout;
 mod transitions;
 
 /// The compiled half of the Python package `vhs`.
-#[pyo3::pymodule]
+///
+/// It asks for the interpreter's lock, also on free-threaded builds: arrays are read where they lie, and only the lock
+/// keeps other threads from writing into them meanwhile.
+#[pyo3::pymodule(gil_used = true)]
 mod _core {
     #[pymodule_export]
     use crate::batch::{EpisodeBatch, Hindsight};
+    #[pymodule_export]
+    use crate::egomotion::egomotion;
     #[pymodule_export]
     use crate::episode_buffer::EpisodeBuffer;
     #[pymodule_export]
@@ -46,7 +56,11 @@ mod _core {
     #[pymodule_export]
     use crate::prototypes::Prototypes;
     #[pymodule_export]
-    use crate::raster::{RasterCanvas, RasterScene};
+    use crate::raster::RasterCanvas;
+    #[pymodule_export]
+    use crate::raster_scene::RasterScene;
+    #[pymodule_export]
+    use crate::raster_source::RasterSource;
     #[pymodule_export]
     use crate::relabel::relabel;
     #[pymodule_export]

@@ -1,7 +1,7 @@
 //! `vhs._core.RasterCanvas`: the software renderer for Python.
 //!
 //! Borrow, check, call, map errors. A canvas keeps handles to the arrays of the simulation it draws, so that a frame
-//! costs one call; drawing happens without the interpreter lock.
+//! costs few calls; drawing happens without the interpreter lock.
 
 #![allow(
     clippy::needless_pass_by_value,
@@ -9,248 +9,110 @@
 )]
 #![allow(clippy::doc_markdown, reason = "MuJoCo is a name, not code")]
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use numpy::{PyReadonlyArray2, PyReadonlyArrayDyn, PyReadwriteArrayDyn, PyUntypedArrayMethods};
+use numpy::{PyReadonlyArray2, PyReadwriteArrayDyn};
 use pyo3::prelude::*;
 use vhs_raster::{
-    Antialias, Camera, Canvas, Error, Geom, Haze, Layout, Lens, Light, LightKind, MeshData, Scene,
-    SceneSpec, Shape, Surface, Tessellation, Texture, TextureKind, TextureUse, View,
+    Antialias, Camera, Canvas, Error, Geom, Layout, Lens, Light, Result, Scene, Soft, View,
+    draw_all,
 };
 
-use crate::arrays::bools;
-use crate::error::{layout, protocol, raster_to_py as to_py, shape};
-use crate::raster_feed::{Feed, Gaze, Handle};
+use crate::error::{protocol, raster_to_py as to_py};
+use crate::raster_arrays::{gaps, indices, rows};
+use crate::raster_feed::{Feed, Gaze, Handle, Poses};
+use crate::raster_records::{Flex, Softs};
+use crate::raster_scene::RasterScene;
+use crate::raster_source::RasterSource;
 
-/// The error for an array that has gaps between its rows.
-pub(crate) fn gaps(field: &'static str) -> impl Fn(numpy::AsSliceError) -> PyErr {
-    move |_| layout(field, "a C-contiguous array", "one with strides")
-}
-
-/// Rows of `N` numbers from an array whose last axis has that length.
-fn rows<T: numpy::Element + Copy, const N: usize>(
-    field: &'static str,
-    array: &PyReadonlyArray2<'_, T>,
-) -> PyResult<Vec<[T; N]>> {
-    let (rows, rest) = array.as_slice().map_err(gaps(field))?.as_chunks::<N>();
-    if array.shape()[1] != N || !rest.is_empty() {
-        return Err(shape(field, &format!("[n, {N}]"), array.shape()));
-    }
-    Ok(rows.to_vec())
-}
-
-/// Indices as MuJoCo stores them: i32, never negative here.
-fn indices(field: &'static str, array: &PyReadonlyArray2<'_, i32>) -> PyResult<Vec<[u32; 3]>> {
-    let corners = rows::<i32, 3>(field, array)?;
-    if let Some(negative) = corners.iter().flatten().find(|&&i| i < 0) {
-        return Err(to_py(Error::Range {
-            what: field,
-            expected: "indices of at least 0",
-            got: negative.to_string(),
-        }));
-    }
-    Ok(corners.iter().map(|c| c.map(i32::cast_unsigned)).collect())
-}
-
-/// `None` for -1, the index otherwise.
-fn optional(index: i32) -> Option<usize> {
-    usize::try_from(index).ok()
-}
-
-#[doc = stub!("RasterScene")]
-// A scene while it is being collected, then ready to be drawn.
-#[pyclass(module = "vhs._core", frozen)]
-pub struct RasterScene {
-    spec: Mutex<SceneSpec>,
-}
-
-fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
-    // A panic while drawing leaves stale pixels, which the next frame overwrites.
-    mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-#[pymethods]
-impl RasterScene {
-    #[new]
-    fn new(slices: usize, stacks: usize, quads: usize, far: f64) -> Self {
-        let tessellation = Tessellation {
-            slices,
-            stacks,
-            quads,
-        };
-        Self {
-            spec: Mutex::new(SceneSpec {
-                tessellation,
-                far,
-                ..SceneSpec::default()
-            }),
-        }
-    }
-
-    #[doc = stub!("RasterScene.add_texture")]
-    fn add_texture(&self, is_cube: bool, data: PyReadonlyArrayDyn<'_, u8>) -> PyResult<usize> {
-        let &[height, width, channels] = data.shape() else {
-            return Err(shape("texture", "[height, width, channels]", data.shape()));
-        };
-        let kind = if is_cube {
-            TextureKind::Cube
-        } else {
-            TextureKind::Flat
-        };
-        let texture = Texture::new(
-            kind,
-            width,
-            height,
-            channels,
-            data.as_slice().map_err(gaps("texture"))?,
-        )
-        .map_err(to_py)?;
-        let mut spec = lock(&self.spec);
-        spec.textures.push(texture);
-        Ok(spec.textures.len() - 1)
-    }
-
-    #[doc = stub!("RasterScene.add_mesh")]
-    fn add_mesh(
-        &self,
-        vertices: PyReadonlyArray2<'_, f32>,
-        normals: PyReadonlyArray2<'_, f32>,
-        uv: PyReadonlyArray2<'_, f32>,
-        faces: PyReadonlyArray2<'_, i32>,
-        face_normals: PyReadonlyArray2<'_, i32>,
-        face_uv: PyReadonlyArray2<'_, i32>,
-    ) -> PyResult<usize> {
-        let mesh = MeshData {
-            vertices: rows("vertices", &vertices)?,
-            normals: rows("normals", &normals)?,
-            uv: rows("uv", &uv)?,
-            faces: indices("faces", &faces)?,
-            face_normals: indices("face_normals", &face_normals)?,
-            face_uv: indices("face_uv", &face_uv)?,
-        };
-        let mut spec = lock(&self.spec);
-        spec.meshes.push(mesh);
-        Ok(spec.meshes.len() - 1)
-    }
-
-    #[doc = stub!("RasterScene.add_geom")]
-    #[allow(
-        clippy::too_many_arguments,
-        reason = "one keyword a field, called from one place"
-    )]
-    #[pyo3(signature = (*, kind, size, mesh, rgba, gloss, is_mirror, texture, repeat, is_uniform, tag))]
-    fn add_geom(
-        &self,
-        kind: i32,
-        size: [f64; 3],
-        mesh: i32,
-        rgba: [f32; 4],
-        gloss: [f32; 3],
-        is_mirror: bool,
-        texture: i32,
-        repeat: [f32; 2],
-        is_uniform: bool,
-        tag: [i32; 2],
-    ) -> PyResult<()> {
-        let texture = optional(texture).map(|texture| TextureUse {
-            texture,
-            repeat,
-            uniform: is_uniform,
-        });
-        let [emission, specular, shininess] = gloss;
-        let surface = Surface {
-            rgba,
-            emission,
-            specular,
-            shininess,
-            is_mirror,
-            texture,
-        };
-        lock(&self.spec).geoms.push(Geom {
-            shape: shape_of(kind, size, mesh)?,
-            surface,
-            tag,
-        });
-        Ok(())
-    }
-
-    #[doc = stub!("RasterScene.add_light")]
-    fn add_light(&self, colours: [[f32; 3]; 3], spot: Option<[f32; 5]>, is_headlight: bool) {
-        let [ambient, diffuse, specular] = colours;
-        let kind = spot.map_or(LightKind::Directional, |s| LightKind::Spot {
-            attenuation: [s[0], s[1], s[2]],
-            exponent: s[3],
-            cutoff: s[4],
-        });
-        lock(&self.spec).lights.push(Light {
-            kind,
-            ambient,
-            diffuse,
-            specular,
-            is_headlight,
-        });
-    }
-
-    #[doc = stub!("RasterScene.set_sky")]
-    fn set_sky(&self, texture: usize, haze_rgb: [f32; 3], haze_proportion: f32) {
-        let mut spec = lock(&self.spec);
-        spec.sky = Some(texture);
-        spec.haze = Some(Haze {
-            rgb: haze_rgb,
-            proportion: haze_proportion,
-        });
-    }
-}
-
-/// Shape from MuJoCo's type number (`mjtGeom`) and sizes.
-#[expect(clippy::cast_possible_truncation, reason = "pictures are drawn in f32")]
-fn shape_of(kind: i32, size: [f64; 3], mesh: i32) -> PyResult<Shape> {
-    let small = size.map(|x| x as f32);
-    let [radius, half_length, _] = small;
-    Ok(match (kind, optional(mesh)) {
-        (0, _) => Shape::Plane {
-            half_size: [size[0].max(0.0), size[1].max(0.0)],
-            spacing: size[2],
-        },
-        (2, _) => Shape::Sphere { radius },
-        (3, _) => Shape::Capsule {
-            radius,
-            half_length,
-        },
-        (4, _) => Shape::Ellipsoid { radii: small },
-        (5, _) => Shape::Cylinder {
-            radius,
-            half_length,
-        },
-        (6, _) => Shape::Box { half_size: small },
-        (7 | 8, Some(mesh)) => Shape::Mesh {
-            mesh,
-            half_size: small,
-        },
-        _ => {
-            return Err(to_py(Error::Unsupported {
-                what: format!("geom type {kind}"),
-            }));
-        }
-    })
-}
+/// Most threads of one call; each has a canvas of its own.
+const MOST_THREADS: usize = 256;
 
 /// What one frame needs besides the scene.
 struct State {
     view: View,
     canvas: Canvas,
     feed: Option<Feed>,
-    /// For each light of the scene, which light of the simulation it is; `None` for the headlight.
-    lights: Vec<Option<usize>>,
+    poses: Poses,
+    softs: Softs,
+    geoms: Vec<Geom>,
+    lights: Vec<Light>,
+    /// Views that wait to be drawn together.
+    kept: Vec<View>,
+    /// Canvases of threads.
+    helpers: Vec<Canvas>,
 }
+
+/// Vertices, normals, texture coordinates and faces of a surface that bends.
+type Surface<'py> = (
+    PyReadonlyArray2<'py, f32>,
+    PyReadonlyArray2<'py, f32>,
+    PyReadonlyArray2<'py, f32>,
+    PyReadonlyArray2<'py, i32>,
+);
+
+/// Surface, balls, and ends of tubes of a flexible body.
+type FlexParts<'py> = (
+    Option<usize>,
+    PyReadonlyArray2<'py, f32>,
+    PyReadonlyArray2<'py, f32>,
+);
 
 #[doc = stub!("RasterCanvas")]
 // A picture of fixed size that draws one scene.
 #[pyclass(module = "vhs._core", frozen)]
 pub struct RasterCanvas {
-    scene: Scene,
-    geoms: usize,
+    source: Py<RasterSource>,
     state: Mutex<State>,
+    antialias: Antialias,
+}
+
+impl RasterCanvas {
+    fn lock(&self) -> MutexGuard<'_, State> {
+        // A panic while drawing leaves stale pixels, which the next frame overwrites.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Draws the kept views on some threads without the interpreter lock, and forgets them.
+    fn drawn_together<T: Send>(
+        &self,
+        py: Python<'_>,
+        threads: usize,
+        out: &mut [T],
+        draw: impl Fn(&mut Canvas, &View, &mut [T]) -> Result<()> + Send + Sync,
+    ) -> PyResult<()> {
+        py.detach(|| {
+            let mut state = self.lock();
+            let State {
+                canvas,
+                kept,
+                helpers,
+                ..
+            } = &mut *state;
+            let (height, width) = canvas.size();
+            while helpers.len() < threads.clamp(1, MOST_THREADS) {
+                helpers.push(Canvas::new(height, width, self.antialias)?);
+            }
+            let helpers = &mut helpers[..threads.clamp(1, MOST_THREADS)];
+            let views = std::mem::take(kept);
+            draw_all(helpers, &views, out, draw)
+        })
+        .map_err(to_py)
+    }
+
+    /// Draws without the interpreter lock.
+    fn drawn(
+        &self,
+        py: Python<'_>,
+        draw: impl FnOnce(&mut Canvas, &View) -> Result<()> + Send,
+    ) -> PyResult<()> {
+        py.detach(|| {
+            let mut state = self.lock();
+            let State { view, canvas, .. } = &mut *state;
+            draw(canvas, view)
+        })
+        .map_err(to_py)
+    }
 }
 
 #[pymethods]
@@ -258,13 +120,12 @@ impl RasterCanvas {
     #[new]
     fn new(
         scene: &RasterScene,
-        geoms: usize,
-        lights: Vec<i32>,
+        source: Py<RasterSource>,
         height: usize,
         width: usize,
         antialias: u8,
     ) -> PyResult<Self> {
-        let scene = Scene::new(lock(&scene.spec).clone()).map_err(to_py)?;
+        let scene: Arc<Scene> = Arc::new(scene.finished()?);
         let antialias = match antialias {
             0 => Antialias::Off,
             1 => Antialias::Multisample,
@@ -279,33 +140,31 @@ impl RasterCanvas {
             near: 0.01,
             far: 100.0,
         };
-        let view = View::new(&scene, camera).map_err(to_py)?;
-        let lights = lights.into_iter().map(optional).collect();
+        let state = State {
+            view: View::new(scene, camera).map_err(to_py)?,
+            canvas,
+            feed: None,
+            poses: Poses::default(),
+            softs: Softs::default(),
+            geoms: Vec::new(),
+            lights: Vec::new(),
+            kept: Vec::new(),
+            helpers: Vec::new(),
+        };
         Ok(Self {
-            scene,
-            geoms,
-            state: Mutex::new(State {
-                view,
-                canvas,
-                feed: None,
-                lights,
-            }),
+            source,
+            state: Mutex::new(state),
+            antialias,
         })
     }
 
     #[doc = stub!("RasterCanvas.bind")]
-    #[allow(
-        clippy::too_many_arguments,
-        reason = "one array a field, called from one place"
-    )]
     fn bind(
         &self,
         geom_xpos: Handle,
         geom_xmat: Handle,
         site_xpos: Handle,
         site_xmat: Handle,
-        light_xpos: Handle,
-        light_xdir: Handle,
         cam_xpos: Handle,
         cam_xmat: Handle,
     ) {
@@ -314,19 +173,10 @@ impl RasterCanvas {
             geom_xmat,
             site_xpos,
             site_xmat,
-            light_xpos,
-            light_xdir,
             cam_xpos,
             cam_xmat,
         };
-        lock(&self.state).feed = Some(feed);
-    }
-
-    #[doc = stub!("RasterCanvas.set_visible")]
-    fn set_visible(&self, is_visible: &Bound<'_, PyAny>) -> PyResult<()> {
-        let is_visible = bools("is_visible", is_visible, &[self.scene.geom_count()])?;
-        let mut state = lock(&self.state);
-        state.view.set_visible(&is_visible).map_err(to_py)
+        self.lock().feed = Some(feed);
     }
 
     #[doc = stub!("RasterCanvas.update")]
@@ -340,45 +190,78 @@ impl RasterCanvas {
         near: f32,
         far: f32,
     ) -> PyResult<()> {
-        let mut state = lock(&self.state);
+        let mut state = self.lock();
         let state = &mut *state;
-        let feed = state
-            .feed
-            .as_ref()
-            .ok_or_else(|| protocol("update", "a bound simulation", "none"))?;
-        let view = &mut state.view;
-        feed.read_poses(py, view, self.geoms)?;
-        feed.read_lights(py, view, &state.lights)?;
-        let [position, forward, up] = match gaze {
-            Some(gaze) => gaze,
-            None => feed.gaze_of(py, fixed)?,
+        let [position, forward, up] = match (gaze, &state.feed) {
+            (Some(gaze), _) => gaze,
+            (None, Some(feed)) => feed.gaze_of(py, fixed)?,
+            (None, None) => return Err(protocol("update", "a bound simulation", "none")),
         };
-        let lens = match lens[..] {
-            [fovy] => Lens::Angle { fovy },
-            [height, _] => Lens::Parallel { height },
-            [bottom, top, left, right] => Lens::Frustum {
-                bottom,
-                top,
-                left,
-                right,
-            },
-            _ => {
-                return Err(to_py(Error::Range {
-                    what: "lens",
-                    expected: "1, 2 or 4 numbers",
-                    got: lens.len().to_string(),
-                }));
-            }
-        };
-        view.set_camera(Camera {
+        if let Some(feed) = &state.feed {
+            feed.read_poses(py, &mut state.poses)?;
+        }
+        let camera = Camera {
             position,
             forward,
             up,
-            lens,
+            lens: lens_of(&lens).map_err(to_py)?,
             near,
             far,
-        })
-        .map_err(to_py)
+        };
+        state.view.set_camera(camera).map_err(to_py)
+    }
+
+    #[doc = stub!("RasterCanvas.set_softs")]
+    fn set_softs(
+        &self,
+        surfaces: Vec<Surface<'_>>,
+        skins: Vec<usize>,
+        flexes: Vec<FlexParts<'_>>,
+    ) -> PyResult<()> {
+        let surface = |(vertices, normals, uv, faces): Surface<'_>| {
+            Ok(Soft {
+                vertices: rows("vertices", &vertices)?,
+                normals: rows("normals", &normals)?,
+                uv: rows("uv", &uv)?,
+                faces: indices("faces", &faces)?,
+            })
+        };
+        let flex = |(surface, balls, edges): FlexParts<'_>| {
+            let ends: Vec<[f32; 6]> = rows("edges", &edges)?;
+            Ok(Flex {
+                surface,
+                balls: rows("balls", &balls)?,
+                edges: (ends.iter())
+                    .map(|e| [[e[0], e[1], e[2]], [e[3], e[4], e[5]]])
+                    .collect(),
+            })
+        };
+        let softs = Softs {
+            surfaces: surfaces.into_iter().map(surface).collect::<PyResult<_>>()?,
+            skins,
+            flexes: flexes.into_iter().map(flex).collect::<PyResult<_>>()?,
+        };
+        self.lock().softs = softs;
+        Ok(())
+    }
+
+    #[doc = stub!("RasterCanvas.take")]
+    #[pyo3(signature = (geoms, lights, is_numbered = false))]
+    fn take(&self, py: Python<'_>, geoms: usize, lights: usize, is_numbered: bool) -> PyResult<()> {
+        let source = self.source.get();
+        let effects = source.effects(py, is_numbered)?;
+        let mut state = self.lock();
+        let state = &mut *state;
+        state.geoms.clear();
+        state.lights.clear();
+        let about = (&state.poses, &state.softs);
+        source.read_geoms(py, geoms, about, is_numbered, &mut state.geoms)?;
+        source.read_lights(py, lights, &mut state.lights)?;
+        let view = &mut state.view;
+        view.set_effects(effects);
+        view.set_lights(&state.lights).map_err(to_py)?;
+        let surfaces = &state.softs.surfaces;
+        view.set_geoms(&state.geoms, surfaces).map_err(to_py)
     }
 
     #[doc = stub!("RasterCanvas.draw")]
@@ -389,44 +272,101 @@ impl RasterCanvas {
         is_planar: bool,
     ) -> PyResult<()> {
         let out = out.as_slice_mut().map_err(gaps("out"))?;
-        let layout = if is_planar {
-            Layout::Planar
-        } else {
-            Layout::Interleaved
-        };
-        py.detach(|| {
-            let mut state = lock(&self.state);
-            let State { view, canvas, .. } = &mut *state;
-            canvas.draw(&self.scene, view, layout, out)
-        })
-        .map_err(to_py)
+        let layout = layout_of(is_planar);
+        self.drawn(py, |canvas, view| canvas.draw(view, layout, out))
     }
 
     #[doc = stub!("RasterCanvas.draw_depth")]
     fn draw_depth(&self, py: Python<'_>, mut out: PyReadwriteArrayDyn<'_, f32>) -> PyResult<()> {
         let out = out.as_slice_mut().map_err(gaps("out"))?;
-        py.detach(|| {
-            let mut state = lock(&self.state);
-            let State { view, canvas, .. } = &mut *state;
-            canvas.draw_depth(&self.scene, view, out)
-        })
-        .map_err(to_py)
+        self.drawn(py, |canvas, view| canvas.draw_depth(view, out))
     }
 
     #[doc = stub!("RasterCanvas.draw_tags")]
     fn draw_tags(&self, py: Python<'_>, mut out: PyReadwriteArrayDyn<'_, i32>) -> PyResult<()> {
         let out = out.as_slice_mut().map_err(gaps("out"))?;
-        py.detach(|| {
-            let mut state = lock(&self.state);
-            let State { view, canvas, .. } = &mut *state;
-            canvas.draw_tags(&self.scene, view, out)
+        self.drawn(py, |canvas, view| canvas.draw_tags(view, out))
+    }
+
+    #[doc = stub!("RasterCanvas.keep")]
+    fn keep(&self) {
+        let mut state = self.lock();
+        let view = state.view.clone();
+        state.kept.push(view);
+    }
+
+    #[doc = stub!("RasterCanvas.forget")]
+    fn forget(&self) {
+        self.lock().kept.clear();
+    }
+
+    #[doc = stub!("RasterCanvas.draw_kept")]
+    fn draw_kept(
+        &self,
+        py: Python<'_>,
+        mut out: PyReadwriteArrayDyn<'_, u8>,
+        is_planar: bool,
+        threads: usize,
+    ) -> PyResult<()> {
+        let out = out.as_slice_mut().map_err(gaps("out"))?;
+        let layout = layout_of(is_planar);
+        self.drawn_together(py, threads, out, |canvas, view, out| {
+            canvas.draw(view, layout, out)
         })
-        .map_err(to_py)
+    }
+
+    #[doc = stub!("RasterCanvas.draw_kept_depth")]
+    fn draw_kept_depth(
+        &self,
+        py: Python<'_>,
+        mut out: PyReadwriteArrayDyn<'_, f32>,
+        threads: usize,
+    ) -> PyResult<()> {
+        let out = out.as_slice_mut().map_err(gaps("out"))?;
+        self.drawn_together(py, threads, out, Canvas::draw_depth)
+    }
+
+    #[doc = stub!("RasterCanvas.draw_kept_tags")]
+    fn draw_kept_tags(
+        &self,
+        py: Python<'_>,
+        mut out: PyReadwriteArrayDyn<'_, i32>,
+        threads: usize,
+    ) -> PyResult<()> {
+        let out = out.as_slice_mut().map_err(gaps("out"))?;
+        self.drawn_together(py, threads, out, Canvas::draw_tags)
     }
 
     #[doc = stub!("RasterCanvas.orbit")]
     #[staticmethod]
     fn orbit(look_at: [f64; 3], distance: f64, azimuth: f64, elevation: f64) -> Gaze {
         Camera::orbit(look_at, distance, azimuth, elevation)
+    }
+}
+
+fn layout_of(is_planar: bool) -> Layout {
+    if is_planar {
+        Layout::Planar
+    } else {
+        Layout::Interleaved
+    }
+}
+
+/// A lens from its numbers: the angle; the height of a parallel one and a 0; or the four sides.
+fn lens_of(lens: &[f64]) -> Result<Lens> {
+    match *lens {
+        [fovy] => Ok(Lens::Angle { fovy }),
+        [height, _] => Ok(Lens::Parallel { height }),
+        [bottom, top, left, right] => Ok(Lens::Frustum {
+            bottom,
+            top,
+            left,
+            right,
+        }),
+        _ => Err(Error::Range {
+            what: "lens",
+            expected: "1, 2 or 4 numbers",
+            got: lens.len().to_string(),
+        }),
     }
 }

@@ -1,11 +1,13 @@
 //! `vhs._core.RolloutLearner` and `RolloutWorker`: the two ends of a pool, for `vhs.rollout` alone.
 
 use std::os::fd::{AsRawFd, BorrowedFd, OwnedFd};
-use std::sync::{Arc, Mutex, PoisonError, TryLockError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::Duration;
 
 use numpy::{PyArrayDescrMethods, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::prelude::*;
+use pyo3::pybacked::PyBackedBytes;
+use vhs_core::error::Error;
 use vhs_rollout::batch::Leaf;
 use vhs_rollout::layout::{Layout, Shape};
 use vhs_rollout::learner::Waited;
@@ -17,7 +19,7 @@ use vhs_rollout::watch::Watch;
 use vhs_rollout::worker::{Task, Worker};
 
 use crate::arrays::{check_vector, checked, detached, exclusive, integer_vec, integers, slice};
-use crate::error::layout;
+use crate::error::{layout, to_py};
 
 /// The five sizes of a pool, in the order of `Shape`'s fields.
 type Sizes = (usize, usize, usize, usize, usize);
@@ -65,8 +67,8 @@ fn rows_of<'a>(part: &'a ActionPart<'_>) -> PyResult<Rows<'a>> {
     if !array.is_c_contiguous() {
         return Err(layout("actions", "a C-contiguous array", "one with gaps"));
     }
-    // SAFETY: a contiguous array has so many bytes behind its pointer. They are read while the interpreter is held, so
-    // no Python code changes or frees them meanwhile.
+    // SAFETY: a contiguous array has so many bytes behind its pointer. They are read while the interpreter is held, whose
+    // lock the module asks for on every build of Python, so no Python code changes or frees them meanwhile.
     let bytes = unsafe {
         let data = (*array.as_array_ptr()).fields.data.cast::<u8>();
         std::slice::from_raw_parts(data, array.len() * array.dtype().itemsize())
@@ -100,6 +102,47 @@ pub(crate) struct RolloutLearner {
     watch: Mutex<Option<Watch>>,
     mapping: Arc<Mapping>,
     block_bytes: usize,
+    /// The process that made it, by number and by its forks: a fork shares the memory, and would drive the same workers.
+    owner: u32,
+    forks: u32,
+}
+
+impl RolloutLearner {
+    /// Refuses a forked copy. Asked before any lock, which another thread may have held when the process was forked.
+    fn check_process(&self) -> PyResult<()> {
+        if process::forks() == self.forks {
+            return Ok(());
+        }
+        let here = std::process::id();
+        Err(to_py(Error::Argument {
+            field: "pool",
+            expected: format!(
+                "a pool to be used by the process that made it, {}",
+                self.owner
+            ),
+            got: format!("process {here}, forked from it"),
+        }))
+    }
+
+    fn pool<R: Send>(
+        &self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut Pool) -> R + Send,
+    ) -> PyResult<R> {
+        self.check_process()?;
+        Ok(detached(py, &self.pool, work))
+    }
+
+    /// As `pool`, for what neither waits nor takes long.
+    fn pool_now<R>(&self, py: Python<'_>, work: impl FnOnce(&mut Pool) -> R) -> PyResult<R> {
+        self.check_process()?;
+        Ok(attached(py, &self.pool, work))
+    }
+
+    fn watch(&self) -> PyResult<MutexGuard<'_, Option<Watch>>> {
+        self.check_process()?;
+        Ok(self.watch.lock().unwrap_or_else(PoisonError::into_inner))
+    }
 }
 
 #[pymethods]
@@ -119,8 +162,11 @@ impl RolloutLearner {
             .map(|(offset, bytes)| Leaf { offset, bytes })
             .collect();
         let pool = checked(Pool::new(Arc::clone(&mapping), leaves, seed))?;
-        let watch = Watch::start(Arc::clone(&mapping), deadline_s.map(duration), dump_signal)?;
+        let limit = deadline_s.map(duration);
+        let watch = checked(Watch::start(Arc::clone(&mapping), limit, dump_signal))?;
         Ok(Self {
+            owner: std::process::id(),
+            forks: process::forks(),
             block_bytes: pool.batch().total,
             pool: Mutex::new(pool),
             watch: Mutex::new(Some(watch)),
@@ -147,8 +193,8 @@ impl RolloutLearner {
 
     #[doc = stub!("RolloutLearner.columns")]
     #[getter]
-    fn columns(&self, py: Python<'_>) -> (Vec<usize>, Vec<usize>, Vec<usize>) {
-        detached(py, &self.pool, |pool| {
+    fn columns(&self, py: Python<'_>) -> PyResult<(Vec<usize>, Vec<usize>, Vec<usize>)> {
+        self.pool(py, |pool| {
             let batch = pool.batch();
             let scalars = vec![
                 batch.env_ids,
@@ -179,23 +225,45 @@ impl RolloutLearner {
         actions: Vec<ActionPart<'_>>,
         code: u32,
         version: i64,
-        blob: &[u8],
+        blobs: Vec<PyBackedBytes>,
     ) -> PyResult<()> {
         let envs = integers("env_ids", env_ids)?;
         check_vector("env_ids", envs.shape())?;
         let envs = slice(&envs).to_vec();
+        let blobs: Vec<&[u8]> = blobs.iter().map(|blob| &**blob).collect();
         // Nothing here waits or takes long, so the interpreter is kept, and with it the actions as they are: they are
         // looked at once the lock is had, for waiting for it lets the interpreter go.
-        attached(py, &self.pool, |pool| {
+        self.pool_now(py, |pool| {
             let rows: Vec<Rows<'_>> = actions.iter().map(rows_of).collect::<PyResult<_>>()?;
-            checked(pool.send(&envs, &rows, code, version, blob))
-        })
+            checked(pool.send(&envs, &rows, code, version, &blobs))
+        })?
+    }
+
+    #[doc = stub!("RolloutLearner.check_held")]
+    fn check_held(&self, py: Python<'_>, env_ids: &Bound<'_, PyAny>) -> PyResult<()> {
+        let envs = integer_vec("env_ids", env_ids)?;
+        checked(self.pool_now(py, |pool| pool.check_held(&envs))?)
+    }
+
+    #[doc = stub!("RolloutLearner.under_way")]
+    fn under_way(&self, py: Python<'_>, ticket: u64) -> PyResult<usize> {
+        self.pool_now(py, |pool| pool.under_way(ticket))
+    }
+
+    #[doc = stub!("RolloutLearner.is_filled")]
+    fn is_filled(&self, py: Python<'_>, ticket: u64) -> PyResult<bool> {
+        self.pool_now(py, |pool| pool.filled_for(ticket).is_some())
+    }
+
+    #[doc = stub!("RolloutLearner.has_news")]
+    fn has_news(&self, py: Python<'_>) -> PyResult<bool> {
+        self.pool_now(py, |pool| pool.has_news())
     }
 
     #[doc = stub!("RolloutLearner.wait")]
-    fn wait(&self, py: Python<'_>, wanted: usize, limit_s: f64) -> bool {
+    fn wait(&self, py: Python<'_>, wanted: usize, limit_s: f64) -> PyResult<bool> {
         let limit = duration(limit_s);
-        detached(py, &self.pool, |pool| pool.wait(wanted, limit)) == Waited::Ready
+        Ok(self.pool(py, |pool| pool.wait(wanted, limit))? == Waited::Ready)
     }
 
     #[doc = stub!("RolloutLearner.recv")]
@@ -203,15 +271,15 @@ impl RolloutLearner {
         &self,
         py: Python<'_>,
         block: &Bound<'_, PyAny>,
-        wanted: usize,
+        ticket: u64,
+        wanted: Option<usize>,
         limit_s: f64,
     ) -> PyResult<Option<(usize, usize, usize)>> {
+        // First of all: in a fork, the parent's other thread may have been about to fill the block.
+        self.check_process()?;
         let mut block = exclusive::<u8>(block, &[self.block_bytes])?;
         let (bytes, limit) = (block.as_slice_mut()?, duration(limit_s));
-        let filled = detached(py, &self.pool, |pool| match pool.wait(wanted, limit) {
-            Waited::Ready => pool.fill(bytes).map(Some),
-            Waited::Paused => Ok(None),
-        });
+        let filled = self.pool(py, |pool| pool.receive(bytes, ticket, wanted, limit))?;
         Ok(checked(filled)?.map(|filled| (filled.rows, filled.finals, filled.notable)))
     }
 
@@ -226,78 +294,81 @@ impl RolloutLearner {
         seeds: Vec<Option<u64>>,
     ) -> PyResult<()> {
         let envs = integer_vec("env_ids", env_ids)?;
-        checked(detached(py, &self.pool, |pool| {
-            pool.seed_next(&envs, &seeds)
-        }))
+        checked(self.pool(py, |pool| pool.seed_next(&envs, &seeds))?)
     }
 
-    fn reseed(&self, py: Python<'_>, seed: Option<u64>) {
-        detached(py, &self.pool, |pool| pool.reseed(seed));
+    fn reseed(&self, py: Python<'_>, seed: Option<u64>) -> PyResult<()> {
+        self.pool(py, |pool| pool.reseed(seed))
     }
 
-    fn expect_start(&self, py: Python<'_>, worker: usize, limit_s: f64) {
+    fn expect_start(&self, py: Python<'_>, worker: usize, limit_s: f64) -> PyResult<()> {
         let limit = duration(limit_s);
-        detached(py, &self.pool, |pool| pool.expect_start(worker, limit));
+        self.pool(py, |pool| pool.expect_start(worker, limit))
     }
 
-    #[doc = stub!("RolloutLearner.watch")]
-    fn watch(&self, worker: usize, pid: i32) -> PyResult<()> {
-        let watch = self.watch.lock().unwrap_or_else(PoisonError::into_inner);
+    #[doc = stub!("RolloutLearner.listen_to")]
+    fn listen_to(&self, worker: usize, pid: i32) -> PyResult<()> {
+        let watch = self.watch()?;
         watch
             .as_ref()
-            .map_or(Ok(()), |watch| Ok(watch.add(worker, pid)?))
+            .map_or(Ok(()), |watch| checked(watch.add(worker, pid)))
     }
 
     #[doc = stub!("RolloutLearner.take_deaths")]
-    fn take_deaths(&self) -> Vec<(usize, bool)> {
-        let watch = self.watch.lock().unwrap_or_else(PoisonError::into_inner);
+    fn take_deaths(&self) -> PyResult<Vec<(usize, bool)>> {
+        let watch = self.watch()?;
         let deaths = watch.as_ref().map(Watch::take_deaths).unwrap_or_default();
         let deaths = deaths.into_iter();
-        deaths
+        Ok(deaths
             .map(|death| (death.worker, death.was_overdue))
-            .collect()
+            .collect())
     }
 
     #[doc = stub!("RolloutLearner.take_notices")]
-    fn take_notices(&self, py: Python<'_>) -> Vec<(usize, u32, u32)> {
-        let notices = detached(py, &self.pool, Pool::take_notices).into_iter();
-        notices
+    fn take_notices(&self, py: Python<'_>) -> PyResult<Vec<(usize, u32, u32)>> {
+        let notices = self.pool(py, Pool::take_notices)?.into_iter();
+        Ok(notices
             .map(|(env, answer)| (env, answer.flags, answer.blob_bytes))
-            .collect()
+            .collect())
     }
 
     #[doc = stub!("RolloutLearner.reclaim")]
-    fn reclaim(&self, py: Python<'_>, worker: usize) -> (Vec<i64>, bool) {
-        detached(py, &self.pool, |pool| {
+    fn reclaim(&self, py: Python<'_>, worker: usize, again: bool) -> PyResult<(Vec<i64>, bool)> {
+        self.pool(py, |pool| {
             let has_answered = pool.has_answered(worker);
             // SAFETY: `vhs.rollout` calls this for deaths that `take_deaths` told, of processes that it has joined.
-            (unsafe { pool.reclaim(worker) }, has_answered)
-        })
+            let lost = unsafe { pool.reclaim(worker, again) };
+            Ok((checked(lost)?, has_answered))
+        })?
     }
 
     #[doc = stub!("RolloutLearner.stats")]
     #[getter]
-    fn stats(&self, py: Python<'_>) -> (u64, u64, u64, u64, u64) {
-        let stats = detached(py, &self.pool, |pool| pool.stats());
-        (
+    fn stats(&self, py: Python<'_>) -> PyResult<(u64, u64, u64, u64, u64)> {
+        let stats = self.pool(py, |pool| pool.stats())?;
+        Ok((
             stats.steps,
             stats.episodes,
             stats.cut_episodes,
             stats.quarantined_episodes,
             stats.restarts,
-        )
+        ))
     }
 
     #[doc = stub!("RolloutLearner.close")]
-    fn close(&self, py: Python<'_>) {
-        detached(py, &self.pool, Pool::close);
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        self.check_process()?;
+        // Without the pool's lock, which a `recv` of another thread holds for as long as it waits.
+        self.mapping.close();
         // Workers that leave now are no deaths to hear of; the drop waits for the thread, which may want the interpreter.
-        let watch = self
-            .watch
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .take();
+        let watch = py.detach(|| self.watch().map(|mut watch| watch.take()))?;
         py.detach(|| drop(watch));
+        Ok(())
+    }
+
+    #[doc = stub!("RolloutLearner.free")]
+    fn free(&self) {
+        self.mapping.free();
     }
 }
 
@@ -363,6 +434,11 @@ impl RolloutWorker {
         }
     }
 
+    #[doc = stub!("RolloutWorker.untie")]
+    fn untie(&self, py: Python<'_>) {
+        attached(py, &self.worker, Worker::untie);
+    }
+
     #[doc = stub!("RolloutWorker.allow")]
     fn allow(&self, py: Python<'_>, extra_s: f64) {
         let extra = duration(extra_s);
@@ -401,6 +477,6 @@ impl RolloutWorker {
     #[doc = stub!("RolloutWorker.end_with")]
     #[staticmethod]
     fn end_with(parent: i32, by_signal: bool) -> PyResult<()> {
-        Ok(process::end_with(parent, by_signal)?)
+        checked(process::end_with(parent, by_signal))
     }
 }

@@ -2,17 +2,22 @@
 //!
 //! A canvas owns every buffer that drawing needs and reuses them, so a frame allocates nothing once warm.
 
+use crate::camera::{Projection, dot64};
 use crate::cover::{Cover, NOTHING, Offset};
 use crate::error::{Error, Result, check_len};
-use crate::fill::{Colours, Fill, Job, Scratch};
-use crate::frame::{Frame, Into, Listed, SKY_REACH, is_seen_from_behind, origin_of};
+use crate::fill::{Colours, Fill, Job, Scratch, collect};
+use crate::frame::{Frame, Listed, SKY_REACH, is_seen_from_behind};
 use crate::lanes::Kind;
-use crate::light::Lamps;
-use crate::nodes::NodeCache;
-use crate::prepare::{Part, Scene};
-use crate::scene::Shape;
-use crate::shade::{Role, Shader};
-use crate::view::{Projection, View, dot64};
+use crate::light::{Choice, Lamps, MOST_LIGHTS};
+use crate::mirror::Mirror;
+use crate::nodes::{Lighter, NodeCache, Role};
+use crate::output::{Layout, write_out};
+use crate::paint::Sample;
+use crate::parts::Part;
+use crate::scene::{Geom, Shape};
+use crate::shade::Shader;
+use crate::shadow::Shade;
+use crate::view::{Effects, Shown, View};
 
 /// How edges are smoothed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -24,16 +29,6 @@ pub enum Antialias {
     Multisample,
     /// Four full samples a pixel on a 2x2 grid: textures are smoothed as well as edges.
     Supersample,
-}
-
-/// Order of the channels in memory.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Layout {
-    /// `[height, width, 3]`.
-    #[default]
-    Interleaved,
-    /// `[3, height, width]`.
-    Planar,
 }
 
 /// Sample places of common drivers for four samples: a square grid, turned.
@@ -60,6 +55,12 @@ pub struct Canvas {
     plain: Option<Box<Cover>>,
     frame: Frame,
     colours: Colours,
+    /// What one light with shadows adds to them.
+    added: Option<Box<Colours>>,
+    /// What a mirror shows.
+    mirrored: Option<Box<Canvas>>,
+    samples: Vec<Sample>,
+    shade: Shade,
     lamps: Lamps,
     nodes: NodeCache,
     scratch: Scratch,
@@ -80,13 +81,26 @@ impl Canvas {
                 });
             }
         }
-        let (h, w, offsets): (_, _, &[Offset]) = match antialias {
-            Antialias::Off => (height, width, &MIDDLE),
-            Antialias::Multisample => (height, width, &TURNED_GRID),
-            Antialias::Supersample => (2 * height, 2 * width, &MIDDLE),
+        let drawn = match antialias {
+            Antialias::Off | Antialias::Multisample => (height, width),
+            Antialias::Supersample => (2 * height, 2 * width),
         };
         let kind = Kind::detect();
-        Ok(Self {
+        Ok(Self::of_size((height, width), drawn, antialias, kind))
+    }
+
+    /// A canvas that draws a picture of the second size for one of the first.
+    fn of_size(
+        (height, width): (usize, usize),
+        (h, w): (usize, usize),
+        antialias: Antialias,
+        kind: Kind,
+    ) -> Self {
+        let offsets: &[Offset] = match antialias {
+            Antialias::Multisample => &TURNED_GRID,
+            Antialias::Off | Antialias::Supersample => &MIDDLE,
+        };
+        Self {
             height,
             width,
             antialias,
@@ -95,10 +109,14 @@ impl Canvas {
             plain: None,
             frame: Frame::default(),
             colours: Colours::new(h, w),
+            added: None,
+            mirrored: None,
+            samples: Vec::new(),
+            shade: Shade::default(),
             lamps: Lamps::default(),
             nodes: NodeCache::default(),
             scratch: Scratch::default(),
-        })
+        }
     }
 
     /// Height and width in pixels.
@@ -117,30 +135,26 @@ impl Canvas {
     /// Draws colours into `out`, three bytes a pixel, top row first.
     ///
     /// # Errors
-    /// [`Error::Length`] when `out` has not `3 * height * width` bytes, or `view` is one of
-    /// another scene.
-    pub fn draw(
-        &mut self,
-        scene: &Scene,
-        view: &View,
-        layout: Layout,
-        out: &mut [u8],
-    ) -> Result<()> {
+    /// [`Error::Length`] when `out` has not `3 * height * width` bytes.
+    pub fn draw(&mut self, view: &View, layout: Layout, out: &mut [u8]) -> Result<()> {
         check_len("picture bytes", 3 * self.height * self.width, out.len())?;
-        view.check_of(scene)?;
         let projection = view.projection(self.cover.height, self.cover.width);
-        self.lamps.update(scene, view, &projection);
+        self.lamps.update(view, &projection, Choice::Shadowless);
         self.nodes.start_frame();
         self.frame.clear();
         self.cover.clear(projection.depth_range);
-        self.frame
-            .draw_opaque(scene, view, &projection, &mut self.cover);
-        self.frame
-            .draw_sky(scene, view, &projection, &mut self.cover);
-        self.fill(scene, false);
-        self.blend_haze(scene, view, &projection);
-        self.blend_glass(scene, view, &projection);
-        self.write_out(layout, out);
+        let (frame, cover) = (&mut self.frame, &mut self.cover);
+        frame.draw_opaque(view, &projection, cover);
+        frame.draw_sky(view, &projection, cover);
+        self.fill(view, false);
+        if let Some(mirror) = Mirror::of(view) {
+            self.add_reflection(view, &projection, &mirror);
+        }
+        self.add_lights_with_shadows(view, &projection);
+        self.blend_haze(view, &projection);
+        self.blend_glass(view, &projection, false);
+        let is_halved = self.antialias == Antialias::Supersample;
+        write_out(&self.colours, self.width, is_halved, layout, out);
         Ok(())
     }
 
@@ -149,12 +163,10 @@ impl Canvas {
     /// Transparent geoms count as solid, the sky as nothing.
     ///
     /// # Errors
-    /// [`Error::Length`] when `out` has not `height * width` values, or `view` is one of
-    /// another scene.
-    pub fn draw_depth(&mut self, scene: &Scene, view: &View, out: &mut [f32]) -> Result<()> {
+    /// [`Error::Length`] when `out` has not `height * width` values.
+    pub fn draw_depth(&mut self, view: &View, out: &mut [f32]) -> Result<()> {
         check_len("depth values", self.height * self.width, out.len())?;
-        view.check_of(scene)?;
-        let projection = self.draw_solid(scene, view);
+        let projection = self.draw_solid(view);
         let cover = self.plain_cover();
         for (row, line) in out
             .chunks_exact_mut(cover.width)
@@ -170,18 +182,16 @@ impl Canvas {
     /// Writes the two numbers of the geom in every pixel; -1, -1 where there is none.
     ///
     /// # Errors
-    /// [`Error::Length`] when `out` has not `2 * height * width` values, or `view` is one of
-    /// another scene.
-    pub fn draw_tags(&mut self, scene: &Scene, view: &View, out: &mut [i32]) -> Result<()> {
+    /// [`Error::Length`] when `out` has not `2 * height * width` values.
+    pub fn draw_tags(&mut self, view: &View, out: &mut [i32]) -> Result<()> {
         check_len(
             "segmentation values",
             2 * self.height * self.width,
             out.len(),
         )?;
-        view.check_of(scene)?;
-        self.draw_solid(scene, view);
+        self.draw_solid(view);
         let tag_of = |part: u32| match self.frame.placed[part as usize].role {
-            Role::Geom(geom) => scene.spec.geoms[geom].tag,
+            Role::Geom(geom) | Role::Unlit(geom) => view.geoms[geom].geom.tag.unwrap_or([-1, -1]),
             Role::Sky | Role::Haze => [-1, -1],
         };
         let cover = self.plain_cover();
@@ -206,8 +216,8 @@ impl Canvas {
         self.plain.as_deref().unwrap_or(&self.cover)
     }
 
-    /// Draws every geom as if it were opaque, one sample a pixel, without a sky.
-    fn draw_solid(&mut self, scene: &Scene, view: &View) -> Projection {
+    /// Draws every geom with a tag as if it were opaque, one sample a pixel, without a sky.
+    fn draw_solid(&mut self, view: &View) -> Projection {
         let projection = view.projection(self.height, self.width);
         let cover = if self.antialias == Antialias::Off {
             &mut self.cover
@@ -218,39 +228,119 @@ impl Canvas {
         };
         self.frame.clear();
         cover.clear(projection.depth_range);
-        self.frame.draw_opaque(scene, view, &projection, cover);
-        let glass = std::mem::take(&mut self.frame.glass);
-        for (_, part) in &glass {
-            let is_inverted = is_seen_from_behind(scene, view, part);
-            let place = (
-                Role::Geom(part.geom),
-                part,
-                origin_of(scene, view, part),
-                &view.poses[part.geom].rotation,
-            );
-            self.frame.draw_part(
-                scene,
-                &projection,
-                place,
-                1.0,
-                is_inverted,
-                &mut Into(cover),
-            );
-        }
-        self.frame.glass = glass;
+        self.frame.draw_tagged(view, &projection, cover);
         projection
     }
 
+    /// Adds what a mirror shows to the samples in which it is seen.
+    fn add_reflection(&mut self, view: &View, projection: &Projection, mirror: &Mirror) {
+        let mut mirrored = self.mirrored.take().unwrap_or_else(|| {
+            let (height, width) = (self.cover.height, self.cover.width);
+            Box::new(Self::of_size(
+                (self.height, self.width),
+                (height, width),
+                self.antialias,
+                self.kind,
+            ))
+        });
+        mirrored.draw_mirrored(view, projection, mirror);
+        let placed = &self.frame.placed;
+        let mirrors = |face: u32| {
+            let Some(drawn) = self.frame.drawn.get(face as usize) else {
+                return false;
+            };
+            let is_its = placed[drawn.part as usize].role == Role::Geom(mirror.geom);
+            is_its && drawn.face == mirror.face
+        };
+        let (cover, layer) = (&self.cover, self.cover.layer());
+        let samples = cover.offsets.len();
+        for y in 0..cover.height {
+            for x in 0..cover.width {
+                let at = y * cover.stride + x;
+                let seen = (0..samples)
+                    .filter(|s| mirrors(cover.face[s * layer + at]))
+                    .count();
+                if seen > 0 {
+                    let from = y * self.colours.stride + x;
+                    let more = mirrored.colours.pixels[from].to_le_bytes();
+                    let own = &mut self.colours.pixels[from];
+                    let sum = own.to_le_bytes();
+                    *own = u32::from_le_bytes([0, 1, 2, 3].map(|k| {
+                        let part = usize::from(more[k]) * seen / samples;
+                        sum[k].saturating_add(u8::try_from(part).unwrap_or(u8::MAX))
+                    }));
+                }
+            }
+        }
+        self.mirrored = Some(mirrored);
+    }
+
+    /// Draws what a mirror shows, without shadows.
+    fn draw_mirrored(&mut self, view: &View, projection: &Projection, mirror: &Mirror) {
+        let (projection, limit) = mirror.projection(projection);
+        self.lamps.update(view, &projection, Choice::All);
+        self.lamps.set_tint(mirror.reflectance);
+        self.nodes.start_frame();
+        self.frame.clear();
+        self.cover.clear(projection.depth_range);
+        self.cover.limit = Some(limit);
+        self.frame
+            .draw_mirrored(view, &projection, mirror.geom, &mut self.cover);
+        self.fill(view, false);
+        self.blend_glass(view, &projection, true);
+    }
+
+    /// Adds the light of all that cast shadows, one after the other.
+    fn add_lights_with_shadows(&mut self, view: &View, projection: &Projection) {
+        let lights = view.lights.iter().take(MOST_LIGHTS).enumerate();
+        let mut is_first = true;
+        for (number, light) in lights.filter(|(_, light)| view.has_shadow(light)) {
+            if std::mem::take(&mut is_first) {
+                let frame = &self.frame;
+                collect(&self.cover, &frame.drawn, &frame.edges, &mut self.samples);
+            }
+            self.shade
+                .find(view, light, projection, &self.samples, &mut self.frame);
+            self.relight(view, projection, Choice::One(number));
+            let (height, width) = (self.cover.height, self.cover.width);
+            let added = self.added.take();
+            let mut added = added.unwrap_or_else(|| Box::new(Colours::new(height, width)));
+            std::mem::swap(&mut self.colours, &mut added);
+            self.fill_with(view, false, true);
+            std::mem::swap(&mut self.colours, &mut added);
+            self.colours.add(&added);
+            self.added = Some(added);
+        }
+        if !is_first {
+            // What is transparent gets all lights and no shadows.
+            self.relight(view, projection, Choice::All);
+        }
+    }
+
+    /// Chooses other lights, and forgets what the last ones lit.
+    fn relight(&mut self, view: &View, projection: &Projection, choice: Choice) {
+        self.lamps.update(view, projection, choice);
+        self.nodes.start_frame();
+        self.frame.ready_at.clear();
+        self.frame.ready.clear();
+    }
+
     /// Colours every visible sample, or blends the listed fragments over the picture.
-    fn fill(&mut self, scene: &Scene, is_blending: bool) {
+    fn fill(&mut self, view: &View, is_blending: bool) {
+        self.fill_with(view, is_blending, false);
+    }
+
+    /// The same; visible samples that `shade` found dark stay black if `has_shade`.
+    fn fill_with(&mut self, view: &View, is_blending: bool, has_shade: bool) {
         let frame = &mut self.frame;
         self.nodes.reserve(frame.nodes);
-        let shader = Shader {
-            scene,
+        let lighter = Lighter {
+            view,
             lamps: &self.lamps,
             placed: &frame.placed,
             nodes: &mut self.nodes,
         };
+        let shader = Shader { lighter };
         let mut fill = Fill {
             cover: &self.cover,
             colours: &mut self.colours,
@@ -261,6 +351,8 @@ impl Canvas {
             edges: &mut frame.edges,
             scratch: &mut self.scratch,
             kind: self.kind,
+            dark: has_shade.then_some(&self.shade.is_dark[..]),
+            done: 0,
         };
         let job = if is_blending {
             Job::Over(&frame.fragments)
@@ -271,27 +363,29 @@ impl Canvas {
     }
 
     /// Lays the belt over the horizon of the first endless plane.
-    fn blend_haze(&mut self, scene: &Scene, view: &View, projection: &Projection) {
-        let (Some(solid), Some(_)) = (scene.haze_solid, scene.spec.sky) else {
+    fn blend_haze(&mut self, view: &View, projection: &Projection) {
+        let Effects {
+            has_sky, has_haze, ..
+        } = view.effects;
+        let (Some(solid), Some(_)) = (view.scene.haze_solid, view.scene.sky) else {
             return;
         };
-        let is_endless = |geom: usize| matches!(scene.spec.geoms[geom].shape, Shape::Plane { half_size, .. } if half_size == [0.0, 0.0]);
-        let Some(plane) = (0..scene.geom_count()).find(|&g| view.is_visible[g] && is_endless(g))
-        else {
+        let is_endless = |shown: &&Shown| matches!(shown.geom.shape, Shape::Plane { half_size, .. } if half_size == [0.0, 0.0]);
+        let Some(plane) = view.geoms.iter().find(is_endless) else {
             return;
         };
-        let pose = &view.poses[plane];
-        let axis = [pose.rotation[2], pose.rotation[5], pose.rotation[8]];
-        let height = dot64(
-            [0, 1, 2].map(|k| view.camera.position[k] - pose.position[k]),
-            axis,
-        );
-        if height < 0.0 {
+        let Geom {
+            position, rotation, ..
+        } = &plane.geom;
+        let axis = [rotation[2], rotation[5], rotation[8]];
+        let from_plane = [0, 1, 2].map(|k| view.camera.position[k] - position[k]);
+        let height = dot64(from_plane, axis);
+        if height < 0.0 || !has_sky || !has_haze {
             return;
         }
         let foot = [0, 1, 2].map(|k| view.camera.position[k] - height * axis[k]);
         #[expect(clippy::cast_possible_truncation, reason = "vertices are f32")]
-        let (reach, height) = ((SKY_REACH * scene.spec.far) as f32, height as f32);
+        let (reach, height) = ((SKY_REACH * view.scene.far) as f32, height as f32);
         let part = Part {
             geom: 0,
             solid,
@@ -299,17 +393,16 @@ impl Canvas {
             shift: 0.0,
             radius: f32::INFINITY,
         };
-        self.blend(
-            scene,
-            projection,
-            (Role::Haze, &part, foot, &pose.rotation),
-            1.0,
-            true,
-        );
+        self.blend(view, |frame, list| {
+            let haze = (Role::Haze, &part, foot, rotation);
+            frame.draw_part(view, projection, haze, 1.0, true, list);
+        });
     }
 
     /// Blends transparent parts front to back and once more back to front, as MuJoCo does.
-    fn blend_glass(&mut self, scene: &Scene, view: &View, projection: &Projection) {
+    ///
+    /// In a mirror what is in front is behind.
+    fn blend_glass(&mut self, view: &View, projection: &Projection, is_mirrored: bool) {
         if self.frame.glass.is_empty() {
             return;
         }
@@ -318,98 +411,27 @@ impl Canvas {
         // The parts of one geom are equally far and stay together, in the same order both times.
         let groups: Vec<&[(f32, Part)]> = glass.chunk_by(|a, b| a.1.geom == b.1.geom).collect();
         for (_, part) in groups.iter().chain(groups.iter().rev()).copied().flatten() {
-            let is_behind = is_seen_from_behind(scene, view, part);
-            let alpha =
-                scene.spec.geoms[part.geom].surface.rgba[3] * if is_behind { BEHIND } else { 1.0 };
-            let place = (
-                Role::Geom(part.geom),
-                part,
-                origin_of(scene, view, part),
-                &view.poses[part.geom].rotation,
-            );
-            self.blend(scene, projection, place, alpha, is_behind);
+            let is_behind = is_seen_from_behind(view, part);
+            let own = view.geoms[part.geom].geom.surface.rgba[3];
+            let alpha = own * if is_behind { BEHIND } else { 1.0 };
+            self.blend(view, |frame, list| {
+                let is_inverted = is_behind != is_mirrored;
+                frame.draw_geom_part(view, projection, part, alpha, is_inverted, list);
+            });
         }
         self.frame.glass = glass;
     }
 
-    /// Blends one part over the colours so far, without touching depth.
-    fn blend(
-        &mut self,
-        scene: &Scene,
-        projection: &Projection,
-        place: (Role, &Part, [f64; 3], &[f64; 9]),
-        alpha: f32,
-        is_inverted: bool,
-    ) {
+    /// Blends what `draw` lists over the colours so far, without touching depth.
+    fn blend(&mut self, view: &View, draw: impl FnOnce(&mut Frame, &mut Listed<'_>)) {
         let mut fragments = std::mem::take(&mut self.frame.fragments);
         fragments.clear();
         let mut list = Listed {
             cover: &self.cover,
             fragments: &mut fragments,
         };
-        self.frame
-            .draw_part(scene, projection, place, alpha, is_inverted, &mut list);
+        draw(&mut self.frame, &mut list);
         self.frame.fragments = fragments;
-        self.fill(scene, true);
-    }
-
-    /// Writes the colours as the caller wants them.
-    fn write_out(&self, layout: Layout, out: &mut [u8]) {
-        let n = self.height * self.width;
-        for y in 0..self.height {
-            let from = y * self.width;
-            match layout {
-                Layout::Interleaved => {
-                    self.each_in_row(y, &mut out[3 * from..3 * (from + self.width)]);
-                }
-                Layout::Planar => {
-                    for x in 0..self.width {
-                        let [r, g, b, _] = self.colour_at(x, y).to_le_bytes();
-                        (out[from + x], out[n + from + x], out[2 * n + from + x]) = (r, g, b);
-                    }
-                }
-            }
-        }
-    }
-
-    /// Writes one row with its channels side by side.
-    fn each_in_row(&self, y: usize, row: &mut [u8]) {
-        if self.antialias == Antialias::Supersample {
-            for (x, to) in row.chunks_exact_mut(3).enumerate() {
-                to.copy_from_slice(&self.colour_at(x, y).to_le_bytes()[..3]);
-            }
-            return;
-        }
-        let start = y * self.colours.stride;
-        let pixels = &self.colours.pixels[start..start + self.width];
-        let (fours, rest) = pixels.as_chunks::<4>();
-        let (twelves, tail) = row.split_at_mut(12 * fours.len());
-        for (to, &[a, b, c, d]) in twelves.chunks_exact_mut(12).zip(fours) {
-            to[..4].copy_from_slice(&(a | b << 24).to_le_bytes());
-            to[4..8].copy_from_slice(&(b >> 8 | c << 16).to_le_bytes());
-            to[8..].copy_from_slice(&(c >> 16 | d << 8).to_le_bytes());
-        }
-        for (to, colour) in tail.chunks_exact_mut(3).zip(rest) {
-            to.copy_from_slice(&colour.to_le_bytes()[..3]);
-        }
-    }
-
-    /// Colour of a pixel, the mean of four samples when supersampling.
-    fn colour_at(&self, x: usize, y: usize) -> u32 {
-        let Colours { stride, pixels } = &self.colours;
-        if self.antialias != Antialias::Supersample {
-            return pixels[y * stride + x];
-        }
-        let (top, bottom) = (2 * y * stride + 2 * x, (2 * y + 1) * stride + 2 * x);
-        let four = [
-            pixels[top],
-            pixels[top + 1],
-            pixels[bottom],
-            pixels[bottom + 1],
-        ];
-        // Every other channel has room for the sum of four.
-        let sum =
-            |shift: u32| four.iter().map(|c| c >> shift & 0x00ff_00ff).sum::<u32>() + 0x0002_0002;
-        (sum(0) >> 2 & 0x00ff_00ff) | (sum(8) >> 2 & 0x00ff_00ff) << 8
+        self.fill(view, true);
     }
 }

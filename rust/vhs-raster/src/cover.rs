@@ -39,6 +39,8 @@ pub(crate) struct Corner {
 pub(crate) struct Drawn {
     pub(crate) whole: V3,
     pub(crate) along: [V3; 2],
+    /// `Z / W` across the picture.
+    pub(crate) depth: V3,
     /// Index into the frame's list of parts.
     pub(crate) part: u32,
     /// Number of the face in its solid: triangles first, then larger faces.
@@ -62,7 +64,7 @@ pub(crate) struct Outline<const N: usize> {
     /// Smallest accepted value: 0 where samples on the edge belong to this face.
     least: [f32; N],
     /// `Z / W` across the picture.
-    depth: V3,
+    pub(crate) depth: V3,
 }
 
 /// Depth and face number of every sample.
@@ -82,6 +84,8 @@ pub(crate) struct Cover {
     columns: Vec<f32>,
     /// `Z / W` of the near plane.
     pub(crate) nearest: f32,
+    /// `Z / W` across the picture of a plane that cuts off what is nearer.
+    pub(crate) limit: Option<V3>,
     /// What this machine can do.
     pub(crate) kind: Kind,
 }
@@ -109,6 +113,7 @@ impl Cover {
             face: vec![NOTHING; len],
             columns: (0..stride).map(|i| middle(i, width)).collect(),
             nearest: 0.0,
+            limit: None,
             kind,
         }
     }
@@ -131,16 +136,7 @@ impl Cover {
         corners: &[Corner; N],
         near: f32,
     ) -> Option<Window> {
-        let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
-        for k in 0..2 {
-            for c in corners {
-                low[k] = low[k].min(c.at[k]);
-                high[k] = high[k].max(c.at[k]);
-            }
-        }
-        if !corners.iter().all(|c| c.is_ahead) {
-            (low, high) = ahead_of_near(corners, near)?;
-        }
+        let (low, high) = window_around(corners, near)?;
         self.pixels(low, high)
     }
 
@@ -179,7 +175,7 @@ impl Cover {
         number: u32,
     ) {
         match self.kind {
-            Kind::Plain => self.draw_lanes::<Plain, N>(outline, window, number),
+            Kind::Plain => self.draw_either::<Plain, N>(outline, window, number),
             #[cfg(target_arch = "x86_64")]
             // Faces are small: sixteen lanes would mostly be idle.
             // SAFETY: both kinds are only made by `detect`, after it found what AVX2 needs; AVX-512 includes it.
@@ -190,11 +186,25 @@ impl Cover {
     #[cfg(target_arch = "x86_64")]
     #[target_feature(enable = "avx2")]
     fn draw_avx2<const N: usize>(&mut self, outline: &Outline<N>, window: Window, number: u32) {
-        self.draw_lanes::<crate::lanes::Avx2, N>(outline, window, number);
+        self.draw_either::<crate::lanes::Avx2, N>(outline, window, number);
     }
 
     #[inline(always)]
-    fn draw_lanes<M: Machine, const N: usize>(
+    fn draw_either<M: Machine, const N: usize>(
+        &mut self,
+        outline: &Outline<N>,
+        window: Window,
+        number: u32,
+    ) {
+        if self.limit.is_some() {
+            self.draw_lanes::<M, N, true>(outline, window, number);
+        } else {
+            self.draw_lanes::<M, N, false>(outline, window, number);
+        }
+    }
+
+    #[inline(always)]
+    fn draw_lanes<M: Machine, const N: usize, const CUT: bool>(
         &mut self,
         outline: &Outline<N>,
         window: Window,
@@ -206,9 +216,12 @@ impl Cover {
         );
         let (nearest, number) = (M::float(self.nearest), M::int(number.cast_signed()));
         let columns = &self.columns[window.x0..window.x0 + len];
+        let limit = self.limit.unwrap_or_default();
         for (s, &[ox, oy]) in self.offsets.iter().enumerate() {
             for y in window.y0..window.y1 {
-                let row = outline.row(oy - middle(y, self.height));
+                let height = oy - middle(y, self.height);
+                let row = outline.row(height);
+                let cut = limit[1] * height + limit[2];
                 let start = s * layer + y * self.stride + window.x0;
                 let depth = self.depth[start..start + len].chunks_exact_mut(M::LANES);
                 let face = self.face[start..start + len].chunks_exact_mut(M::LANES);
@@ -219,6 +232,10 @@ impl Cover {
                         M::mul_then_add(M::float(row.depth_slope), x, M::float(row.depth_constant));
                     let old = M::load(depth);
                     let mut is_seen = M::and(M::at_least(z, old), M::at_least(nearest, z));
+                    if CUT {
+                        let most = M::mul_then_add(M::float(limit[0]), x, M::float(cut));
+                        is_seen = M::and(is_seen, M::at_least(most, z));
+                    }
                     for k in 0..N {
                         let e =
                             M::mul_then_add(M::float(row.slope[k]), x, M::float(row.constant[k]));
@@ -245,10 +262,14 @@ impl Cover {
             for x in window.x0..window.x1 {
                 let mut mask = 0;
                 for (s, &[ox, oy]) in self.offsets.iter().enumerate() {
-                    let row = outline.row(oy - middle(y, self.height));
-                    let z = row.at(self.columns[x] + ox);
+                    let (across, height) = (self.columns[x] + ox, oy - middle(y, self.height));
+                    let z = outline.at(across, height);
+                    let nearest = self.limit.map_or(self.nearest, |cut| {
+                        self.nearest
+                            .min(cut[0] * across + (cut[1] * height + cut[2]))
+                    });
                     let passes = z.is_some_and(|z| {
-                        z <= self.nearest && z >= self.depth[s * layer + y * self.stride + x]
+                        z <= nearest && z >= self.depth[s * layer + y * self.stride + x]
                     });
                     mask |= u8::from(passes) << s;
                 }
@@ -258,6 +279,25 @@ impl Cover {
             }
         }
     }
+}
+
+/// Rectangle around a face in the picture; `None` when all of it is nearer than the near plane.
+#[inline(always)]
+pub(crate) fn window_around<const N: usize>(
+    corners: &[Corner; N],
+    near: f32,
+) -> Option<([f32; 2], [f32; 2])> {
+    if !corners.iter().all(|c| c.is_ahead) {
+        return ahead_of_near(corners, near);
+    }
+    let (mut low, mut high) = ([f32::INFINITY; 2], [f32::NEG_INFINITY; 2]);
+    for k in 0..2 {
+        for c in corners {
+            low[k] = low[k].min(c.at[k]);
+            high[k] = high[k].max(c.at[k]);
+        }
+    }
+    Some((low, high))
 }
 
 /// Rectangle around the part of a face that lies beyond the near plane; generous, for it only bounds the search.
@@ -297,6 +337,12 @@ struct Row<const N: usize> {
 }
 
 impl<const N: usize> Outline<N> {
+    /// Depth at a place, if it is inside.
+    #[inline(always)]
+    pub(crate) fn at(&self, x: f32, y: f32) -> Option<f32> {
+        self.row(y).at(x)
+    }
+
     /// All functions along a row at height `y`.
     #[inline(always)]
     fn row(&self, y: f32) -> Row<N> {
@@ -384,6 +430,7 @@ pub(crate) fn outline<const N: usize>(
         Drawn {
             whole,
             along,
+            depth,
             part: 0,
             face: 0,
         },

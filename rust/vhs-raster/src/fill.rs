@@ -2,7 +2,7 @@
 
 use crate::cover::{Cover, Drawn, NOTHING, middle};
 use crate::lanes::{FEWEST_LANES, Kind, MOST_LANES};
-use crate::paint::Places;
+use crate::paint::{Places, Sample};
 use crate::shade::{Ready, Run, Shader, shade_run};
 
 /// One face in one pixel.
@@ -31,6 +31,14 @@ impl Colours {
             pixels: vec![0; stride * height],
         }
     }
+
+    /// Adds other colours, each channel up to white.
+    pub(crate) fn add(&mut self, other: &Self) {
+        for (to, from) in self.pixels.iter_mut().zip(&other.pixels) {
+            let (a, b) = (to.to_le_bytes(), from.to_le_bytes());
+            *to = u32::from_le_bytes([0, 1, 2, 3].map(|k| a[k].saturating_add(b[k])));
+        }
+    }
 }
 
 /// What is to be coloured.
@@ -57,6 +65,54 @@ pub(crate) struct Fill<'a> {
     /// Faces in pixels that show several of them.
     pub(crate) edges: &'a mut Vec<Fragment>,
     pub(crate) scratch: &'a mut Scratch,
+    /// Which visible samples stay black, in the order of [`collect`].
+    pub(crate) dark: Option<&'a [bool]>,
+    /// How many of them have been coloured.
+    pub(crate) done: usize,
+}
+
+/// Notes all visible samples, in the order in which they are coloured; `edges` are those of the last colouring.
+pub(crate) fn collect(
+    cover: &Cover,
+    drawn: &[Drawn],
+    edges: &[Fragment],
+    samples: &mut Vec<Sample>,
+) {
+    samples.clear();
+    let (layer, count) = (cover.layer(), cover.offsets.len());
+    let mut push = |face: u32, x: usize, y: usize| {
+        samples.push(Sample {
+            depth: drawn[face as usize].depth,
+            at: [middle(x, cover.width), -middle(y, cover.height)],
+        });
+    };
+    for y in 0..cover.height {
+        for x in 0..cover.width {
+            let at = y * cover.stride + x;
+            let face = cover.face[at];
+            let is_whole = (1..count).all(|s| cover.face[s * layer + at] == face);
+            if is_whole && face != NOTHING {
+                push(face, x, y);
+            }
+        }
+    }
+    if count > 1 {
+        for edge in edges.iter().filter(|edge| edge.face != NOTHING) {
+            push(edge.face, edge.x.into(), edge.y.into());
+        }
+    }
+}
+
+/// Blackens colours whose samples are dark, and steps past them.
+fn darken(dark: Option<&[bool]>, done: &mut usize, colours: &mut [u32]) {
+    if let Some(dark) = dark {
+        for (colour, &is_dark) in colours.iter_mut().zip(&dark[*done..]) {
+            if is_dark {
+                *colour = 0;
+            }
+        }
+        *done += colours.len();
+    }
 }
 
 /// Reused memory of a run of samples.
@@ -195,6 +251,8 @@ impl Fill<'_> {
             opacity: None,
         };
         shade_run(self.kind, &mut self.shader, &ready, &mut run);
+        let own = &mut self.colours.pixels[start + from..start + to];
+        darken(self.dark, &mut self.done, own);
     }
 
     /// Shades fragments of one face into `scratch`.
@@ -236,6 +294,8 @@ impl Fill<'_> {
                 continue;
             }
             self.shade_fragments(run);
+            let own = &mut self.scratch.packed[..run.len()];
+            darken(self.dark, &mut self.done, own);
             for (f, colour) in run.iter().zip(&self.scratch.packed) {
                 let at = usize::from(f.y) * self.colours.stride + usize::from(f.x);
                 let lanes = colour & 0xff | (colour & 0xff00) << 2 | (colour & 0x00ff_0000) << 4;

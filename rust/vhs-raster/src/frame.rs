@@ -3,14 +3,17 @@
 //! Owns the lists that one frame fills. Order as in MuJoCo's `mjr_render`: opaque parts, then the sky; transparent
 //! parts are set aside for blending.
 
+use crate::assets::CYLINDER;
+use crate::camera::{Projection, dot64};
 use crate::cover::{Corner, Cover, Drawn, NOTHING, Outline, Window, facing, outline};
 use crate::fill::Fragment;
-use crate::math::mul3;
-use crate::prepare::{Part, Scene};
+use crate::math::{add, mul3, scale, sub};
+use crate::nodes::{Placed, Role};
+use crate::parts::Part;
 use crate::scene::Shape;
-use crate::shade::{Placed, Ready, Role};
+use crate::shade::Ready;
 use crate::solid::Nodes;
-use crate::view::{Projection, View, dot64};
+use crate::view::View;
 
 /// From this opacity on a geom counts as opaque.
 const OPAQUE: f32 = 0.995;
@@ -39,7 +42,14 @@ pub(crate) struct Frame {
 
 /// Where faces go once they are projected.
 pub(crate) trait Sink {
-    fn cover(&self) -> &Cover;
+    /// What of the sink a face with these corners can touch; `None` when there is nothing.
+    fn window<const N: usize>(&self, corners: &[Corner; N], near: f32) -> Option<Window>;
+    /// Whether pixels have several samples.
+    fn is_smooth(&self) -> bool;
+    /// Whether faces are taken from either side.
+    fn sees_both_sides(&self) -> bool {
+        false
+    }
     fn face<const N: usize>(&mut self, outline: &Outline<N>, window: Window, number: usize);
 }
 
@@ -47,8 +57,13 @@ pub(crate) trait Sink {
 pub(crate) struct Into<'a>(pub(crate) &'a mut Cover);
 
 impl Sink for Into<'_> {
-    fn cover(&self) -> &Cover {
-        self.0
+    #[inline(always)]
+    fn window<const N: usize>(&self, corners: &[Corner; N], near: f32) -> Option<Window> {
+        self.0.window(corners, near)
+    }
+
+    fn is_smooth(&self) -> bool {
+        self.0.offsets.len() > 1
     }
 
     fn face<const N: usize>(&mut self, outline: &Outline<N>, window: Window, number: usize) {
@@ -64,8 +79,13 @@ pub(crate) struct Listed<'a> {
 }
 
 impl Sink for Listed<'_> {
-    fn cover(&self) -> &Cover {
-        self.cover
+    #[inline(always)]
+    fn window<const N: usize>(&self, corners: &[Corner; N], near: f32) -> Option<Window> {
+        self.cover.window(corners, near)
+    }
+
+    fn is_smooth(&self) -> bool {
+        self.cover.offsets.len() > 1
     }
 
     #[expect(
@@ -87,27 +107,29 @@ impl Sink for Listed<'_> {
 }
 
 /// Whether the camera is on the far side of a plane.
-pub(crate) fn is_seen_from_behind(scene: &Scene, view: &View, part: &Part) -> bool {
-    let pose = &view.poses[part.geom];
-    let to_eye = [0, 1, 2].map(|k| view.camera.position[k] - pose.position[k]);
-    let axis = [pose.rotation[2], pose.rotation[5], pose.rotation[8]];
-    matches!(scene.spec.geoms[part.geom].shape, Shape::Plane { .. }) && dot64(to_eye, axis) < 0.0
+pub(crate) fn is_seen_from_behind(view: &View, part: &Part) -> bool {
+    let geom = &view.geoms[part.geom].geom;
+    let to_eye = [0, 1, 2].map(|k| view.camera.position[k] - geom.position[k]);
+    let axis = [geom.rotation[2], geom.rotation[5], geom.rotation[8]];
+    matches!(geom.shape, Shape::Plane { .. }) && dot64(to_eye, axis) < 0.0
 }
 
-/// Where the solid's origin is: shifted along the geom's axis, and for an endless plane below the camera.
-pub(crate) fn origin_of(scene: &Scene, view: &View, part: &Part) -> [f64; 3] {
-    let pose = &view.poses[part.geom];
-    let r = &pose.rotation;
-    let mut at = pose.position;
+const UPRIGHT: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+
+/// Where the solid is and how it is turned: shifted along the geom's axis, and for an endless plane below the camera.
+pub(crate) fn pose_of<'a>(view: &'a View, part: &Part) -> ([f64; 3], &'a [f64; 9]) {
+    let shown = &view.geoms[part.geom];
+    let geom = &shown.geom;
+    if matches!(geom.shape, Shape::Soft { .. }) {
+        return ([0.0; 3], &UPRIGHT);
+    }
+    let r = &geom.rotation;
+    let mut at = geom.position;
     for k in 0..3 {
         at[k] += f64::from(part.shift) * r[3 * k + 2];
     }
-    for (axis, step) in scene.plane_step[part.geom]
-        .iter()
-        .enumerate()
-        .filter(|s| *s.1 > 0.0)
-    {
-        let to_eye = [0, 1, 2].map(|k| view.camera.position[k] - pose.position[k]);
+    for (axis, step) in shown.step.iter().enumerate().filter(|s| *s.1 > 0.0) {
+        let to_eye = [0, 1, 2].map(|k| view.camera.position[k] - geom.position[k]);
         let along = dot64(to_eye, [r[axis], r[3 + axis], r[6 + axis]]);
         // Whole repetitions of the texture, so that it seems to stand still.
         let moved = 2.0 * step * libm::round(0.5 * along / step);
@@ -115,7 +137,22 @@ pub(crate) fn origin_of(scene: &Scene, view: &View, part: &Part) -> [f64; 3] {
             at[k] += moved * r[3 * k + axis];
         }
     }
-    at
+    (at, r)
+}
+
+/// Whether a part is blended over what is behind it.
+fn is_glass(view: &View, part: &Part) -> bool {
+    view.geoms[part.geom].geom.surface.rgba[3] < OPAQUE || is_seen_from_behind(view, part)
+}
+
+/// The geom that mirrors: the first opaque plane or box that can.
+pub(crate) fn mirror_of(view: &View) -> Option<usize> {
+    let mirrors = |part: &&Part| {
+        let geom = &view.geoms[part.geom].geom;
+        let is_flat = matches!(geom.shape, Shape::Plane { .. } | Shape::Box { .. });
+        is_flat && geom.surface.reflectance > 0.0 && !is_glass(view, part)
+    };
+    view.parts.iter().find(mirrors).map(|part| part.geom)
 }
 
 impl Frame {
@@ -129,34 +166,67 @@ impl Frame {
     }
 
     /// Draws all opaque parts and sets the transparent ones aside.
-    pub(crate) fn draw_opaque(
-        &mut self,
-        scene: &Scene,
-        view: &View,
-        projection: &Projection,
-        cover: &mut Cover,
-    ) {
-        for part in &scene.parts {
-            let alpha = scene.spec.geoms[part.geom].surface.rgba[3];
-            if !view.is_visible[part.geom] || alpha == 0.0 {
-                continue;
+    pub(crate) fn draw_opaque(&mut self, view: &View, projection: &Projection, cover: &mut Cover) {
+        let mirror = mirror_of(view);
+        for part in &view.parts {
+            if is_glass(view, part) {
+                self.glass.push((glass_distance(view, part.geom), *part));
             }
-            if alpha < OPAQUE || is_seen_from_behind(scene, view, part) {
-                self.glass
-                    .push((glass_distance(scene, view, part.geom), *part));
-            } else {
-                self.draw_geom_part(scene, view, projection, part, 1.0, false, &mut Into(cover));
+        }
+        // OpenGL draws the mirror first; where two surfaces lie in one plane the later one is seen.
+        for is_mirror in [true, false] {
+            let these = |part: &&Part| (Some(part.geom) == mirror) == is_mirror;
+            for part in view.parts.iter().filter(these) {
+                if !is_glass(view, part) {
+                    self.draw_geom_part(view, projection, part, 1.0, false, &mut Into(cover));
+                }
             }
         }
     }
 
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "one step of drawing, called from two places"
-    )]
+    /// Draws all opaque parts but those of a mirror as the mirror shows them, and sets the transparent ones aside.
+    pub(crate) fn draw_mirrored(
+        &mut self,
+        view: &View,
+        projection: &Projection,
+        mirror: usize,
+        cover: &mut Cover,
+    ) {
+        for part in view.parts.iter().filter(|part| part.geom != mirror) {
+            if is_glass(view, part) {
+                self.glass.push((glass_distance(view, part.geom), *part));
+            } else {
+                self.draw_geom_part(view, projection, part, 1.0, true, &mut Into(cover));
+            }
+        }
+    }
+
+    /// Draws all parts with a tag as if they were opaque.
+    pub(crate) fn draw_tagged(&mut self, view: &View, projection: &Projection, cover: &mut Cover) {
+        for part in &view.parts {
+            if view.geoms[part.geom].geom.tag.is_some() {
+                let is_inverted = is_seen_from_behind(view, part);
+                self.draw_geom_part(view, projection, part, 1.0, is_inverted, &mut Into(cover));
+            }
+        }
+    }
+
+    /// Hands all faces that keep light from others to `sink`; the frame stays as it is.
+    pub(crate) fn cast(&mut self, view: &View, projection: &Projection, sink: &mut impl Sink) {
+        let (placed, drawn, nodes) = (self.placed.len(), self.drawn.len(), self.nodes);
+        for part in &view.parts {
+            if view.geoms[part.geom].geom.casts_shadow {
+                self.draw_geom_part(view, projection, part, 1.0, false, sink);
+            }
+        }
+        self.placed.truncate(placed);
+        self.drawn.truncate(drawn);
+        self.nodes = nodes;
+    }
+
+    /// Draws one part of a geom.
     pub(crate) fn draw_geom_part(
         &mut self,
-        scene: &Scene,
         view: &View,
         projection: &Projection,
         part: &Part,
@@ -164,45 +234,40 @@ impl Frame {
         is_inverted: bool,
         sink: &mut impl Sink,
     ) {
-        let position = origin_of(scene, view, part);
-        let place = (
-            Role::Geom(part.geom),
-            part,
-            position,
-            &view.poses[part.geom].rotation,
-        );
-        self.draw_part(scene, projection, place, alpha, is_inverted, sink);
+        let (position, rotation) = pose_of(view, part);
+        let role = match view.geoms[part.geom].geom.shape {
+            Shape::Line { .. } | Shape::LineBox { .. } => Role::Unlit(part.geom),
+            _ => Role::Geom(part.geom),
+        };
+        let place = (role, part, position, rotation);
+        self.draw_part(view, projection, place, alpha, is_inverted, sink);
+        if matches!(view.geoms[part.geom].geom.shape, Shape::Triangle { .. }) {
+            self.draw_part(view, projection, place, alpha, !is_inverted, sink);
+        }
     }
 
     /// Draws the sky's cylinder around the camera, seen from inside.
-    pub(crate) fn draw_sky(
-        &mut self,
-        scene: &Scene,
-        view: &View,
-        projection: &Projection,
-        cover: &mut Cover,
-    ) {
-        if scene.spec.sky.is_none() {
+    pub(crate) fn draw_sky(&mut self, view: &View, projection: &Projection, cover: &mut Cover) {
+        if view.scene.sky.is_none() || !view.effects.has_sky {
             return;
         }
         #[expect(clippy::cast_possible_truncation, reason = "vertices are f32")]
-        let reach = (SKY_REACH * scene.spec.far) as f32;
-        let upright = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+        let reach = (SKY_REACH * view.scene.far) as f32;
         let part = Part {
             geom: 0,
-            solid: scene.sky_solid,
+            solid: CYLINDER,
             scale: [reach; 3],
             shift: 0.0,
             radius: f32::INFINITY,
         };
-        let place = (Role::Sky, &part, view.camera.position, &upright);
-        self.draw_part(scene, projection, place, 1.0, true, &mut Into(cover));
+        let place = (Role::Sky, &part, view.camera.position, &UPRIGHT);
+        self.draw_part(view, projection, place, 1.0, true, &mut Into(cover));
     }
 
     /// Projects a part and hands its faces to `sink`.
     pub(crate) fn draw_part(
         &mut self,
-        scene: &Scene,
+        view: &View,
         projection: &Projection,
         (role, part, position, rotation): (Role, &Part, [f64; 3], &[f64; 9]),
         alpha: f32,
@@ -212,7 +277,7 @@ impl Frame {
         if !projection.may_see(position, part.radius) {
             return;
         }
-        let solid = &scene.solids[part.solid];
+        let solid = view.solid(part.solid);
         let number = u32::try_from(self.placed.len()).unwrap_or(NOTHING);
         #[expect(clippy::cast_possible_truncation, reason = "shading is f32")]
         self.placed.push(Placed {
@@ -254,6 +319,70 @@ impl Frame {
                 }
             }
         }
+        let half_width = line_width(view, role) / 2.0;
+        for (segment, ends) in solid.segments.iter().enumerate() {
+            let face = solid.triangles.len() + solid.faces.len() + segment;
+            let ends = ends.map(|c| self.corners[c as usize]);
+            self.draw_segment(ends, half_width, (number, face), projection.near, sink);
+        }
+    }
+
+    /// Draws a line as the rectangle that it is in the picture.
+    fn draw_segment(
+        &mut self,
+        ends: [Corner; 2],
+        half_width: f32,
+        face: (u32, usize),
+        near: f32,
+        sink: &mut impl Sink,
+    ) {
+        let Some([a, b]) = ahead(ends, near) else {
+            return;
+        };
+        let way = [b.at[0] - a.at[0], b.at[1] - a.at[1]];
+        let length = way[0].hypot(way[1]);
+        if length.is_nan() || length <= 0.0 {
+            return;
+        }
+        // With one sample a pixel OpenGL widens lines along the axis that they cross, by whole pixels.
+        let across = if sink.is_smooth() {
+            [-way[1], way[0]].map(|x| x * half_width / length)
+        } else {
+            let half = 0.5 * (2.0 * half_width).round().max(1.0);
+            if way[0].abs() >= way[1].abs() {
+                [0.0, half]
+            } else {
+                [half, 0.0]
+            }
+        };
+        let beside = |c: &Corner, k: f32| {
+            let [x, y] = across.map(|x| k * x);
+            let at = [c.at[0] + x, c.at[1] + y];
+            let p = [c.p[0] + x * c.p[2], c.p[1] + y * c.p[2], c.p[2]];
+            Corner { p, at, ..*c }
+        };
+        let corners = [
+            beside(&a, -1.0),
+            beside(&b, -1.0),
+            beside(&b, 1.0),
+            beside(&a, 1.0),
+        ];
+        for is_inverted in [false, true] {
+            self.draw_corners(&corners, face, is_inverted, near, sink);
+        }
+    }
+
+    #[inline(always)]
+    fn draw_face<const N: usize>(
+        &mut self,
+        corners: &[u32; N],
+        face: (u32, usize),
+        is_inverted: bool,
+        near: f32,
+        sink: &mut impl Sink,
+    ) {
+        let corners = corners.map(|c| self.corners[c as usize]);
+        self.draw_corners(&corners, face, is_inverted, near, sink);
     }
 
     #[inline(always)]
@@ -261,22 +390,26 @@ impl Frame {
         clippy::cast_possible_truncation,
         reason = "solids have far fewer than 2^32 faces"
     )]
-    fn draw_face<const N: usize>(
+    fn draw_corners<const N: usize>(
         &mut self,
-        corners: &[u32; N],
+        corners: &[Corner; N],
         (part, face): (u32, usize),
         is_inverted: bool,
         near: f32,
         sink: &mut impl Sink,
     ) {
-        let corners = corners.map(|c| self.corners[c as usize]);
-        let Some(front) = facing(&corners, is_inverted) else {
+        let (front, is_inverted) = match facing(corners, is_inverted) {
+            Some(front) => (front, is_inverted),
+            None if sink.sees_both_sides() => match facing(corners, !is_inverted) {
+                Some(back) => (back, !is_inverted),
+                None => return,
+            },
+            None => return,
+        };
+        let Some(window) = sink.window(corners, near) else {
             return;
         };
-        let Some(window) = sink.cover().window(&corners, near) else {
-            return;
-        };
-        let (shape, drawn) = outline(&corners, front, is_inverted);
+        let (shape, drawn) = outline(corners, front, is_inverted);
         sink.face(&shape, window, self.drawn.len());
         self.drawn.push(Drawn {
             part,
@@ -286,18 +419,47 @@ impl Frame {
     }
 }
 
+/// Width of a geom's lines in pixels; 0 for all that has none.
+fn line_width(view: &View, role: Role) -> f32 {
+    let Role::Unlit(geom) = role else {
+        return 0.0;
+    };
+    match view.geoms[geom].geom.shape {
+        Shape::Line { width, .. } | Shape::LineBox { width, .. } => width,
+        _ => 0.0,
+    }
+}
+
+/// The part of a line that lies beyond the near plane.
+fn ahead([a, b]: [Corner; 2], near: f32) -> Option<[Corner; 2]> {
+    let cut = |from: &Corner, to: &Corner| {
+        let t = (near - from.p[2]) / (to.p[2] - from.p[2]);
+        let mut p = add(from.p, scale(sub(to.p, from.p), t));
+        p[2] = near;
+        Corner {
+            p,
+            z: from.z + t * (to.z - from.z),
+            at: [p[0] / near, p[1] / near],
+            is_ahead: true,
+        }
+    };
+    match (a.is_ahead, b.is_ahead) {
+        (true, true) => Some([a, b]),
+        (true, false) => Some([a, cut(&a, &b)]),
+        (false, true) => Some([cut(&b, &a), b]),
+        (false, false) => None,
+    }
+}
+
 /// Distance by which transparent geoms are sorted: to the near side of the ball around them; planes come last.
 #[expect(clippy::cast_possible_truncation, reason = "only an order")]
-pub(crate) fn glass_distance(scene: &Scene, view: &View, geom: usize) -> f32 {
-    if matches!(scene.spec.geoms[geom].shape, Shape::Plane { .. }) {
+fn glass_distance(view: &View, geom: usize) -> f32 {
+    let shown = &view.geoms[geom].geom;
+    if matches!(shown.shape, Shape::Plane { .. }) {
         return 1e10;
     }
-    let radius = scene
-        .parts
-        .iter()
-        .filter(|p| p.geom == geom)
-        .map(|p| p.radius + p.shift.abs())
-        .fold(0.0, f32::max);
-    let way = [0, 1, 2].map(|k| view.poses[geom].position[k] - view.camera.position[k]);
+    let parts = view.parts.iter().filter(|p| p.geom == geom);
+    let radius = parts.map(|p| p.radius + p.shift.abs()).fold(0.0, f32::max);
+    let way = [0, 1, 2].map(|k| shown.position[k] - view.camera.position[k]);
     dot64(way, way).sqrt() as f32 - radius
 }

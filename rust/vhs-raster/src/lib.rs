@@ -1,15 +1,15 @@
 //! A software renderer for small pictures of scenes made of simple solids and meshes.
 //!
 //! Scene in, pixels out: no graphics driver, no window system, no global state. The pictures follow what MuJoCo's
-//! OpenGL renderer draws without shadows and reflections, and are the same to the last bit on every machine: plain
+//! OpenGL renderer draws, and are the same to the last bit on every machine: plain
 //! IEEE arithmetic in a fixed order, no fused operations, no dependence on vector width or threads.
 //!
 //! ```
-//! use vhs_raster::{Antialias, Camera, Canvas, Geom, Layout, Lens, Scene, SceneSpec, Shape, Surface, View};
+//! use std::sync::Arc;
+//! use vhs_raster::{Antialias, Camera, Canvas, Geom, Layout, Lens, Scene, SceneSpec, Shape, View};
 //!
 //! # fn main() -> vhs_raster::Result<()> {
-//! let ball = Geom { shape: Shape::Sphere { radius: 0.5 }, surface: Surface::default(), tag: [7, 5] };
-//! let scene = Scene::new(SceneSpec { geoms: vec![ball], far: 10.0, ..SceneSpec::default() })?;
+//! let scene = Arc::new(Scene::new(SceneSpec { far: 10.0, ..SceneSpec::default() })?);
 //! let camera = Camera {
 //!     position: [0.0, -2.0, 0.0],
 //!     forward: [0.0, 1.0, 0.0],
@@ -18,10 +18,11 @@
 //!     near: 0.01,
 //!     far: 10.0,
 //! };
-//! let view = View::new(&scene, camera)?;
+//! let mut view = View::new(scene, camera)?;
+//! view.set_geoms(&[Geom::new(Shape::Sphere { radius: 0.5 })], &[])?;
 //! let mut canvas = Canvas::new(64, 64, Antialias::Off)?;
 //! let mut picture = vec![0; 64 * 64 * 3];
-//! canvas.draw(&scene, &view, Layout::Interleaved, &mut picture)?;
+//! canvas.draw(&view, Layout::Interleaved, &mut picture)?;
 //! assert!(picture[3 * (32 * 64 + 32)] > 0, "the ball is in the middle");
 //! assert_eq!(picture[0], 0, "and not in the corner");
 //! # Ok(())
@@ -46,6 +47,9 @@
     reason = "loops over axes and channels read better by number"
 )]
 
+mod assets;
+mod batch;
+mod camera;
 mod canvas;
 mod cover;
 mod error;
@@ -54,22 +58,31 @@ mod frame;
 mod lanes;
 mod light;
 mod math;
+mod mirror;
 mod nodes;
+mod output;
 mod paint;
-mod prepare;
+mod parts;
 mod round;
 mod scene;
 mod shade;
+mod shadow;
 mod solid;
+mod surfaces;
 #[cfg(test)]
 mod tests;
 mod texture;
 mod view;
 
-pub use canvas::{Antialias, Canvas, Layout};
+pub use assets::Scene;
+pub use batch::draw_all;
+pub use camera::{Camera, Lens};
+pub use canvas::{Antialias, Canvas};
 pub use error::{Error, Result};
-pub use prepare::Scene;
-pub use scene::{Geom, Haze, Light, LightKind, MeshData, SceneSpec, Shape, Surface, TextureUse};
-pub use solid::Tessellation;
+pub use output::Layout;
+pub use scene::{
+    Fog, Geom, Haze, Heads, HeightField, Light, LightKind, MeshData, SceneSpec, Shadows, Shape,
+    Soft, Surface, Tessellation, TextureUse,
+};
 pub use texture::{Texture, TextureKind};
-pub use view::{Camera, Lens, View};
+pub use view::{Effects, View};

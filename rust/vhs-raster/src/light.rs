@@ -1,13 +1,13 @@
 //! Light on one vertex: OpenGL's fixed-function model (specification 4.6 compatibility profile, section 12.2.1)
 //! with a local viewer, one-sided, highlights added before the texture, as MuJoCo sets it up.
 
+use crate::camera::Projection;
 use crate::math::{V3, add, dot, normalize, pow_unit, scale, sub, times};
-use crate::prepare::Scene;
 use crate::scene::{Light, LightKind, Surface};
-use crate::view::{LightPose, Projection, View, light_at_camera};
+use crate::view::View;
 
 /// OpenGL's fixed pipeline knows this many lights.
-const MOST_LIGHTS: usize = 8;
+pub(crate) const MOST_LIGHTS: usize = 8;
 
 /// Ambient light of a scene without any light.
 const DARK_AMBIENT: f32 = 0.3;
@@ -16,7 +16,6 @@ const DARK_AMBIENT: f32 = 0.3;
 #[derive(Debug, Clone, Copy)]
 struct Lamp {
     light: Light,
-    position: V3,
     /// Direction of its rays, of length 1.
     direction: V3,
     /// Cosine of the half angle of its cone; below -1 when it shines all around.
@@ -34,24 +33,45 @@ pub(crate) struct Lamps {
     is_parallel: bool,
     /// Whether any lamp makes highlights.
     has_highlights: bool,
+    /// Whether this light is added to a picture that has the surfaces' own.
+    is_addition: bool,
+    /// Share of their colour that surfaces show.
+    tint: f32,
+}
+
+/// Which lights of a view shine.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Choice {
+    All,
+    /// Those without shadows.
+    Shadowless,
+    /// One by number, added to what others have lit.
+    One(usize),
 }
 
 impl Lamps {
     /// Collects the lights of `view`, reusing memory.
-    pub(crate) fn update(&mut self, scene: &Scene, view: &View, projection: &Projection) {
-        self.eye = view.eye();
+    pub(crate) fn update(&mut self, view: &View, projection: &Projection, choice: Choice) {
+        self.eye = projection.eye();
+        self.tint = 1.0;
         self.lit.clear();
-        for (light, pose) in scene.spec.lights.iter().zip(&view.lights) {
-            if pose.is_on && self.lit.len() < MOST_LIGHTS {
-                let pose = if light.is_headlight {
-                    light_at_camera(self.eye, projection.forward)
-                } else {
-                    *pose
-                };
-                self.lit.push(Lamp::new(*light, pose));
+        for (number, light) in view.lights.iter().take(MOST_LIGHTS).enumerate() {
+            let is_chosen = match choice {
+                Choice::All => true,
+                Choice::Shadowless => !view.has_shadow(light),
+                Choice::One(chosen) => number == chosen,
+            };
+            if !is_chosen {
+                continue;
             }
+            let mut light = *light;
+            if light.is_headlight {
+                (light.position, light.direction) = (view.eye(), normalize(projection.forward));
+            }
+            self.lit.push(Lamp::new(light));
         }
-        self.ambient = if self.lit.is_empty() {
+        self.is_addition = matches!(choice, Choice::One(_));
+        self.ambient = if view.lights.is_empty() {
             DARK_AMBIENT
         } else {
             0.0
@@ -68,11 +88,31 @@ impl Lamps {
         self.is_parallel && (!self.has_highlights || surface.specular == 0.0)
     }
 
+    /// Has surfaces show only a share of their colour.
+    pub(crate) fn set_tint(&mut self, tint: f32) {
+        self.tint = tint;
+    }
+
+    /// Share of their colour that surfaces show.
+    pub(crate) fn tint(&self) -> f32 {
+        self.tint
+    }
+
+    /// Whether this light is added to a picture that has the surfaces' own.
+    pub(crate) fn is_addition(&self) -> bool {
+        self.is_addition
+    }
+
     /// Colour of a vertex, each channel in 0..=1.
     pub(crate) fn colour(&self, position: V3, normal: V3, surface: &Surface) -> V3 {
         let base = [surface.rgba[0], surface.rgba[1], surface.rgba[2]];
+        let base = scale(base, self.tint);
         let to_eye = normalize(sub(self.eye, position));
-        let mut sum = scale(base, surface.emission + self.ambient);
+        let mut sum = if self.is_addition {
+            [0.0; 3]
+        } else {
+            scale(base, surface.emission + self.ambient)
+        };
         for lamp in &self.lit {
             sum = add(sum, lamp.on(position, normal, to_eye, base, surface));
         }
@@ -81,15 +121,14 @@ impl Lamps {
 }
 
 impl Lamp {
-    fn new(light: Light, pose: LightPose) -> Self {
+    fn new(light: Light) -> Self {
         let cos_cutoff = match light.kind {
             LightKind::Spot { cutoff, .. } if cutoff < 180.0 => cosine_of_degrees(cutoff),
             _ => -2.0,
         };
         Self {
+            direction: normalize(light.direction),
             light,
-            position: pose.position,
-            direction: normalize(pose.direction),
             cos_cutoff,
         }
     }
@@ -125,7 +164,7 @@ impl Lamp {
         else {
             return (scale(self.direction, -1.0), 1.0);
         };
-        let way = sub(self.position, position);
+        let way = sub(self.light.position, position);
         let distance = dot(way, way).sqrt();
         let to_light = normalize(way);
         let along = -dot(to_light, self.direction);

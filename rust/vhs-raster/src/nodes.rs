@@ -1,13 +1,42 @@
 //! Light on faces: computed at the nodes of the tessellation, interpolated between them.
 //!
-//! Owns the cache of lit nodes. Gouraud shading as in OpenGL's fixed-function pipeline; a node is lit when the first
+//! Owns the parts as they stand in a frame, and the cache of their lit nodes. Gouraud shading as in OpenGL's fixed-function pipeline; a node is lit when the first
 //! visible sample asks for it, once a frame.
 
 use crate::lanes::{MOST_LANES, Machine};
+use crate::light::Lamps;
 use crate::math::{V3, add, mul3, normalize, scale, sub, times};
 use crate::scene::Surface;
-use crate::shade::{Placed, Ready, Role, Shader};
 use crate::solid::{Face, Nodes, Solid};
+use crate::view::View;
+
+/// What a part of the frame is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Role {
+    /// A geom by number.
+    Geom(usize),
+    /// A geom whose colour no light changes.
+    Unlit(usize),
+    /// The sky around everything.
+    Sky,
+    /// The belt over the horizon.
+    Haze,
+}
+
+/// A part as it stands in this frame.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Placed {
+    pub(crate) role: Role,
+    /// Number of its solid, see [`View::solid`].
+    pub(crate) solid: usize,
+    pub(crate) scale: V3,
+    pub(crate) rotation: [f32; 9],
+    pub(crate) position: V3,
+    /// First of its nodes in the cache of lit colours.
+    pub(crate) first_node: u32,
+    /// Opacity: the geom's, or a plane's seen from behind.
+    pub(crate) alpha: f32,
+}
 
 /// Light on a face.
 #[derive(Debug, Clone, Copy)]
@@ -47,7 +76,15 @@ impl NodeCache {
     }
 }
 
-impl Shader<'_> {
+/// What lights the faces of a frame.
+pub(crate) struct Lighter<'a> {
+    pub(crate) view: &'a View,
+    pub(crate) lamps: &'a Lamps,
+    pub(crate) placed: &'a [Placed],
+    pub(crate) nodes: &'a mut NodeCache,
+}
+
+impl Lighter<'_> {
     pub(crate) fn light_of(
         &mut self,
         part: &Placed,
@@ -100,26 +137,27 @@ impl Shader<'_> {
     #[inline(never)]
     pub(crate) fn light_by_nodes(
         &mut self,
-        ready: &Ready,
+        (part, face): (u32, u32),
         lanes: usize,
         [s, t]: &[[f32; MOST_LANES]; 2],
         rgb: &mut [[f32; MOST_LANES]; 3],
     ) {
         for i in 0..lanes {
-            let colour = self.between_nodes(ready, s[i], t[i]);
+            let colour = self.between_nodes((part, face), s[i], t[i]);
             (0..3).for_each(|k| rgb[k][i] = colour[k]);
         }
     }
 
     /// Light at coordinates `(s, t)` of a face with nodes.
-    fn between_nodes(&mut self, ready: &Ready, s: f32, t: f32) -> V3 {
-        let part = self.placed[ready.part as usize];
+    fn between_nodes(&mut self, (part, face): (u32, u32), s: f32, t: f32) -> V3 {
+        let part = self.placed[part as usize];
         let Role::Geom(geom) = part.role else {
             return [0.0; 3];
         };
-        let surface = &self.scene.spec.geoms[geom].surface;
-        let solid = &self.scene.solids[part.solid];
-        let face = &solid.faces[ready.face as usize - solid.triangles.len()];
+        let view = self.view;
+        let surface = &view.geoms[geom].geom.surface;
+        let solid = view.solid(part.solid);
+        let face = &solid.faces[face as usize - solid.triangles.len()];
         let (nodes, [a, b]) = triangle_at(face, s, t);
         let [c0, c1, c2] = nodes.map(|n| self.lit(&part, surface, solid, n));
         let mut colour = add(c0, add(scale(sub(c1, c0), a), scale(sub(c2, c0), b)));

@@ -13,6 +13,13 @@ pub(crate) enum Places<'a> {
     Anywhere { x: &'a [f32], y: &'a [f32] },
 }
 
+/// A visible sample: the depth plane of its face, and where it is in the camera's picture.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sample {
+    pub(crate) depth: V3,
+    pub(crate) at: [f32; 2],
+}
+
 /// Distance of each lane from the first.
 const STEPS: [f32; MOST_LANES] = [
     0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,

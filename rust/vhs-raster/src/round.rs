@@ -4,8 +4,9 @@
 
 use std::f64::consts::PI;
 
-use crate::math::V3;
-use crate::solid::{Face, Lines, Node, Nodes, Solid, Tessellation, index, ratio, turn};
+use crate::math::{V3, add, normalize};
+use crate::scene::Tessellation;
+use crate::solid::{Face, Lines, Node, Nodes, Solid, index, ratio, turn};
 
 impl Solid {
     /// The open cylinder of radius 1 from z = -1 to z = 1.
@@ -204,6 +205,49 @@ impl Solid {
         let mut solid = Self::default();
         let (v_equator, v_pole) = if sign > 0.0 { (1.0, 0.0) } else { (0.0, 1.0) };
         solid.push_dome(sign, t.slices, (t.stacks / 2).max(1), v_equator, v_pole);
+        solid.finished()
+    }
+
+    /// The cone without a base, of radius 1 at z = 0 and with its tip at z = 1.
+    pub(crate) fn cone(t: Tessellation) -> Self {
+        let mut solid = Self::default();
+        let lean = std::f32::consts::FRAC_1_SQRT_2;
+        for ring in 1..=t.stacks {
+            let r = ratio(ring, t.stacks);
+            for j in 0..=t.slices {
+                let (c, s) = turn(j % t.slices, t.slices);
+                let position = [c * r, s * r, 1.0 - r];
+                solid.positions.push(position);
+                solid.nodes.push(Node {
+                    position,
+                    normal: [c * lean, s * lean, lean],
+                });
+                solid.uv.push([ratio(j, t.slices), r]);
+            }
+        }
+        let at = |ring: usize, j: usize| index((ring - 1) * (t.slices + 1) + j);
+        for j in 0..t.slices {
+            let (n1, n2) = (
+                solid.nodes[at(1, j) as usize].normal,
+                solid.nodes[at(1, j + 1) as usize].normal,
+            );
+            let tip = index(solid.nodes.len());
+            solid.positions.push([0.0, 0.0, 1.0]);
+            solid.nodes.push(Node {
+                position: [0.0, 0.0, 1.0],
+                normal: normalize(add(n1, n2)),
+            });
+            let middle = 0.5 * (ratio(j, t.slices) + ratio(j + 1, t.slices));
+            solid.uv.push([middle, 0.0]);
+            solid.triangles.push([at(1, j), at(1, j + 1), tip]);
+            for ring in 1..t.stacks {
+                let [a, b] = [at(ring + 1, j), at(ring + 1, j + 1)];
+                let [c, d] = [at(ring, j + 1), at(ring, j)];
+                solid.triangles.extend([[a, b, d], [b, c, d]]);
+            }
+        }
+        solid.triangle_nodes.clone_from(&solid.triangles);
+        solid.weld();
         solid.finished()
     }
 }

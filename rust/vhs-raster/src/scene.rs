@@ -1,9 +1,31 @@
-//! What there is to draw: shapes, surfaces, lights, sky; everything that does not move.
+//! What there is to draw: shapes, surfaces, lights, sky.
 //!
-//! Plain data from the caller; [`crate::Scene`] is made from it.
+//! Plain data from the caller. What stays from frame to frame goes into a [`crate::Scene`], what may change into a
+//! [`crate::View`].
 
-use crate::solid::Tessellation;
 use crate::texture::Texture;
+
+/// How finely curved and flat surfaces are cut.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Tessellation {
+    /// Sides of a circle, at least 3.
+    pub slices: usize,
+    /// Bands from pole to pole of a sphere, or from end to end of a cylinder; at least 2.
+    pub stacks: usize,
+    /// Cells along each side of a box, at least 1.
+    pub quads: usize,
+}
+
+impl Default for Tessellation {
+    /// MuJoCo's defaults.
+    fn default() -> Self {
+        Self {
+            slices: 28,
+            stacks: 16,
+            quads: 4,
+        }
+    }
+}
 
 /// Triangles given by the caller, in metres in the frame of their geom, counter-clockwise seen from outside.
 #[derive(Debug, Clone, Default)]
@@ -20,6 +42,43 @@ pub struct MeshData {
     pub face_normals: Vec<[u32; 3]>,
     /// The same corners as indices into `uv`; empty when the mesh has no texture coordinates.
     pub face_uv: Vec<[u32; 3]>,
+}
+
+/// Heights over a grid, in metres.
+#[derive(Debug, Clone, Default)]
+pub struct HeightField {
+    /// Rows of the grid, along y; at least 2.
+    pub rows: usize,
+    /// Columns of the grid, along x; at least 2.
+    pub columns: usize,
+    /// Half sizes along x and y, largest height, and depth of the base below height 0.
+    pub size: [f32; 4],
+    /// Heights in 0..=1, row by row.
+    pub heights: Vec<f32>,
+}
+
+/// A surface that bends: corners and normals are those of one moment, in metres in the world.
+#[derive(Debug, Clone, Default)]
+pub struct Soft {
+    /// Corners.
+    pub vertices: Vec<[f32; 3]>,
+    /// A normal at each corner.
+    pub normals: Vec<[f32; 3]>,
+    /// Texture coordinates at each corner; empty when the surface has none.
+    pub uv: Vec<[f32; 2]>,
+    /// Triangles as indices into `vertices`, counter-clockwise seen from outside.
+    pub faces: Vec<[u32; 3]>,
+}
+
+/// Heads of an arrow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Heads {
+    /// A wide one at its end.
+    One,
+    /// One as wide as the shaft.
+    Narrow,
+    /// Wide ones at both ends.
+    Two,
 }
 
 /// Form of a geom; sizes in metres.
@@ -57,6 +116,13 @@ pub enum Shape {
         /// Half its length.
         half_length: f32,
     },
+    /// A cylinder along z without its ends.
+    Tube {
+        /// Its radius.
+        radius: f32,
+        /// Half its length.
+        half_length: f32,
+    },
     /// A cuboid.
     Box {
         /// Its half sizes.
@@ -68,6 +134,46 @@ pub enum Shape {
         mesh: usize,
         /// Half sizes of the box around it; only the scaling of textures without coordinates needs them.
         half_size: [f32; 3],
+    },
+    /// Heights from the scene's table.
+    HeightField {
+        /// Index into [`SceneSpec::height_fields`].
+        field: usize,
+        /// Half sizes along x and y, and its height; only the scaling of textures needs them.
+        half_size: [f32; 3],
+    },
+    /// A surface that bends, from the view's table; its pose is ignored.
+    Soft {
+        /// Index into the softs of [`crate::View::set_geoms`].
+        soft: usize,
+        /// Scales of textures without coordinates.
+        size: [f32; 3],
+    },
+    /// An arrow along z from the origin.
+    Arrow {
+        /// Half axes of its shaft along x and y, and its length.
+        size: [f32; 3],
+        /// Its heads.
+        heads: Heads,
+    },
+    /// The triangle from the origin along x and y, seen from both sides.
+    Triangle {
+        /// Lengths of its two sides.
+        sides: [f32; 2],
+    },
+    /// A line along z from the origin, of the same width wherever it is.
+    Line {
+        /// Width in pixels.
+        width: f32,
+        /// Length.
+        length: f32,
+    },
+    /// The edges of a cuboid as lines.
+    LineBox {
+        /// Half sizes of the cuboid.
+        half_size: [f32; 3],
+        /// Width of its lines in pixels.
+        width: f32,
     },
 }
 
@@ -93,8 +199,8 @@ pub struct Surface {
     pub specular: f32,
     /// Sharpness of highlights, 0..=1; the exponent is 128 times it.
     pub shininess: f32,
-    /// Whether MuJoCo would mirror the scene in it; here it only decides who is drawn first.
-    pub is_mirror: bool,
+    /// Share of light that a plane or the upper side of a box mirrors; only the first such geom is a mirror.
+    pub reflectance: f32,
     /// Texture, if any; its colour multiplies the lit one.
     pub texture: Option<TextureUse>,
 }
@@ -106,21 +212,42 @@ impl Default for Surface {
             emission: 0.0,
             specular: 0.5,
             shininess: 0.5,
-            is_mirror: false,
+            reflectance: 0.0,
             texture: None,
         }
     }
 }
 
-/// One thing that is drawn.
+/// One thing that is drawn, and where.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Geom {
     /// Its form.
     pub shape: Shape,
     /// Its surface.
     pub surface: Surface,
-    /// Two numbers that a segmentation image shows for it.
-    pub tag: [i32; 2],
+    /// Where its origin is, metres in the world.
+    pub position: [f64; 3],
+    /// Rotation `world_from_geom`, row by row.
+    pub rotation: [f64; 9],
+    /// Two numbers that a segmentation image shows for it; without them distances leave it out as well.
+    pub tag: Option<[i32; 2]>,
+    /// Whether it keeps light from others.
+    pub casts_shadow: bool,
+}
+
+impl Geom {
+    /// A geom of this form at the origin, with the default surface and tag `[0, 0]`.
+    #[must_use]
+    pub fn new(shape: Shape) -> Self {
+        Self {
+            shape,
+            surface: Surface::default(),
+            position: [0.0; 3],
+            rotation: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+            tag: Some([0, 0]),
+            casts_shadow: true,
+        }
+    }
 }
 
 /// Where the rays of a light come from.
@@ -150,8 +277,14 @@ pub struct Light {
     pub diffuse: [f32; 3],
     /// Light of highlights.
     pub specular: [f32; 3],
-    /// Whether it sits at the camera and shines along its gaze; its pose in a view is then ignored.
+    /// Where it is, metres in the world.
+    pub position: [f32; 3],
+    /// Direction of its rays, of any length.
+    pub direction: [f32; 3],
+    /// Whether it sits at the camera and shines along its gaze; its own pose is then ignored.
     pub is_headlight: bool,
+    /// Whether geoms in its way keep it off.
+    pub casts_shadow: bool,
 }
 
 /// A coloured belt over the horizon of the first endless plane; drawn only where there is a sky.
@@ -163,7 +296,40 @@ pub struct Haze {
     pub proportion: f32,
 }
 
-/// A whole scene as plain data.
+/// Fog that grows evenly with the distance along the gaze.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fog {
+    /// Red, green, blue in 0..=1.
+    pub rgb: [f32; 3],
+    /// Where it starts, in metres.
+    pub start: f32,
+    /// Where it hides everything, in metres.
+    pub end: f32,
+}
+
+/// What limits shadows, as MuJoCo's shadow maps do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Shadows {
+    /// Texels along each side of a map; below 4 there are no shadows.
+    pub size: usize,
+    /// Half the side of the square around a directional light in which there are shadows, in metres.
+    pub clip: f32,
+    /// Share of a spot's cone in which there are shadows.
+    pub scale: f32,
+}
+
+impl Default for Shadows {
+    /// MuJoCo's defaults, for a scene of extent 1.
+    fn default() -> Self {
+        Self {
+            size: 4096,
+            clip: 1.0,
+            scale: 0.6,
+        }
+    }
+}
+
+/// What stays the same from frame to frame.
 #[derive(Debug, Clone, Default)]
 pub struct SceneSpec {
     /// Fineness of solids.
@@ -172,14 +338,16 @@ pub struct SceneSpec {
     pub textures: Vec<Texture>,
     /// Meshes.
     pub meshes: Vec<MeshData>,
-    /// What is drawn, in this order.
-    pub geoms: Vec<Geom>,
-    /// Lights; OpenGL knows eight, and so only the first eight shine.
-    pub lights: Vec<Light>,
+    /// Height fields.
+    pub height_fields: Vec<HeightField>,
     /// Cube texture of the sky, if any.
     pub sky: Option<usize>,
     /// Haze, if any.
     pub haze: Option<Haze>,
+    /// Limits of shadows.
+    pub shadows: Shadows,
+    /// Fog, if any; a view says whether it is shown.
+    pub fog: Option<Fog>,
     /// Distance of the far clipping plane in metres; endless planes and the sky end there.
     pub far: f64,
 }

@@ -7,38 +7,13 @@ use std::ops::Range;
 
 use crate::cover::Drawn;
 use crate::lanes::{Kind, MOST_LANES, Machine, Plain};
-use crate::light::Lamps;
 use crate::math::{V3, add, scale};
-use crate::nodes::{Light, NodeCache, between};
+use crate::nodes::{Light, Lighter, Placed, Role, between};
 use crate::paint::{Batch, Places, along, paint_cube, paint_flat, slope_of};
-use crate::prepare::{Mapping, Scene};
+use crate::parts::Mapping;
+use crate::scene::Fog;
 use crate::solid::Solid;
-
-/// What a part of the frame is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Role {
-    /// A geom by number.
-    Geom(usize),
-    /// The sky around everything.
-    Sky,
-    /// The belt over the horizon.
-    Haze,
-}
-
-/// A part as it stands in this frame.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Placed {
-    pub(crate) role: Role,
-    /// Index into the scene's solids.
-    pub(crate) solid: usize,
-    pub(crate) scale: V3,
-    pub(crate) rotation: [f32; 9],
-    pub(crate) position: V3,
-    /// First of its nodes in the cache of lit colours.
-    pub(crate) first_node: u32,
-    /// Opacity: the geom's, or a plane's seen from behind.
-    pub(crate) alpha: f32,
-}
+use crate::texture::Texture;
 
 /// Texture on a face; each row times `(x, y, 1)` is a coordinate over W.
 #[derive(Debug, Clone, Copy)]
@@ -65,6 +40,7 @@ enum Paint {
 pub(crate) struct Ready {
     whole: V3,
     along: [V3; 2],
+    depth: V3,
     light: Light,
     paint: Paint,
     pub(crate) part: u32,
@@ -74,10 +50,7 @@ pub(crate) struct Ready {
 
 /// Everything shading reads.
 pub(crate) struct Shader<'a> {
-    pub(crate) scene: &'a Scene,
-    pub(crate) lamps: &'a Lamps,
-    pub(crate) placed: &'a [Placed],
-    pub(crate) nodes: &'a mut NodeCache,
+    pub(crate) lighter: Lighter<'a>,
 }
 
 /// Room for the colours of a run of samples: bytes, red in the low one, and their opacity if it is wanted.
@@ -141,26 +114,38 @@ fn byte<M: Machine>(v: M::F) -> M::I {
 impl Shader<'_> {
     /// Prepares a face.
     pub(crate) fn ready(&mut self, drawn: &Drawn) -> Ready {
-        let part = self.placed[drawn.part as usize];
-        let solid = &self.scene.solids[part.solid];
+        let view = self.lighter.view;
+        let part = self.lighter.placed[drawn.part as usize];
+        let solid = view.solid(part.solid);
+        let surface = |g: usize| &view.geoms[g].geom.surface;
         let (light, alpha) = match part.role {
+            // A further light adds nothing to the sky.
+            Role::Sky if self.lighter.lamps.is_addition() => (Light::Even([0.0; 3]), 1.0),
             Role::Sky => (Light::Even([1.0; 3]), 1.0),
-            Role::Haze => (Light::Even(self.scene.haze_colour()), 1.0),
-            Role::Geom(g) => (
-                self.light_of(&part, &self.scene.spec.geoms[g].surface, solid, drawn.face),
-                part.alpha,
-            ),
+            Role::Haze => (Light::Even(view.scene.haze_colour()), 1.0),
+            Role::Unlit(g) => {
+                let tint = self.lighter.lamps.tint();
+                let [r, g, b, _] = surface(g).rgba.map(|c| (tint * c).clamp(0.0, 1.0));
+                (Light::Even([r, g, b]), part.alpha)
+            }
+            Role::Geom(g) => {
+                let lighter = &mut self.lighter;
+                let light = lighter.light_of(&part, surface(g), solid, drawn.face);
+                (light, part.alpha)
+            }
         };
         let paint = self.paint_of(&part, solid, drawn);
         let Drawn {
             whole,
             along,
+            depth,
             part,
             face,
         } = *drawn;
         Ready {
             whole,
             along,
+            depth,
             light,
             paint,
             part,
@@ -186,19 +171,20 @@ impl Shader<'_> {
             }
             Role::Sky => {
                 let p = frame_of(solid, drawn.face);
-                let texture = self.scene.spec.sky.unwrap_or(0);
+                let texture = self.lighter.view.scene.sky.unwrap_or(0);
                 return Paint::Cube {
                     texture,
                     rows: [rows_of(p, 0, 1.0), rows_of(p, 2, 1.0), rows_of(p, 1, -1.0)],
                 };
             }
-            Role::Geom(g) => g,
+            Role::Unlit(_) => return Paint::None,
+            Role::Geom(g) => &self.lighter.view.geoms[g],
         };
-        let Some(used) = self.scene.spec.geoms[geom].surface.texture else {
+        let Some(used) = geom.geom.surface.texture else {
             return Paint::None;
         };
         let texture = used.texture;
-        match self.scene.mapping[geom] {
+        match geom.mapping {
             Mapping::None => Paint::None,
             Mapping::Surface { scale, offset } => {
                 let uv = uv_of(solid, drawn.face);
@@ -221,8 +207,12 @@ impl Shader<'_> {
         }
     }
 
+    fn texture(&self, number: usize) -> &Texture {
+        &self.lighter.view.scene.textures[number]
+    }
+
     fn flat(&self, texture: usize, rows: [V3; 2], whole: V3) -> Paint {
-        let size = self.scene.spec.textures[texture].size();
+        let size = self.texture(texture).size();
         let (u, v) = (scale(rows[0], size.0), scale(rows[1], size.1));
         let slopes = [
             slope_of(u, whole, 0),
@@ -240,12 +230,45 @@ impl Shader<'_> {
     /// Colours some of a run's samples, a whole number of batches.
     #[inline(always)]
     fn run<M: Machine>(&mut self, ready: &Ready, run: &mut Run<'_>, samples: Range<usize>) {
+        let fog = self.lighter.view.fog();
         for first in samples.step_by(M::LANES) {
-            let colours = self.shade::<M>(ready, &run.places.batch(first));
+            let batch = run.places.batch(first);
+            let mut colours = self.shade::<M>(ready, &batch);
+            if let Some(fog) = fog {
+                self.fog::<M>(ready, &batch, fog, &mut colours);
+            }
             M::store_ints(packed::<M>(&colours), &mut run.colours[first..]);
             if let Some(opacity) = run.opacity.as_mut() {
                 M::store(colours[3], &mut opacity[first..]);
             }
+        }
+    }
+
+    /// Lays fog over colours; over what is added to others, black.
+    #[inline(always)]
+    fn fog<M: Machine>(
+        &self,
+        ready: &Ready,
+        batch: &Batch<M>,
+        (fog, is_parallel): (Fog, bool),
+        colours: &mut Colours<M>,
+    ) {
+        let depth = along(ready.depth, batch);
+        let distance = if is_parallel {
+            M::sub(M::float(0.0), depth)
+        } else {
+            M::div(M::float(1.0), depth)
+        };
+        let reach = M::float(1.0 / (fog.end - fog.start).max(1e-6));
+        let clear = M::unit(M::mul(M::sub(M::float(fog.end), distance), reach));
+        for (colour, fog) in colours.iter_mut().zip(fog.rgb) {
+            let is_addition = self.lighter.lamps.is_addition();
+            let fog = M::float(if is_addition {
+                0.0
+            } else {
+                fog.clamp(0.0, 1.0)
+            });
+            *colour = M::mul_then_add(clear, M::sub(*colour, fog), fog);
         }
     }
 
@@ -270,7 +293,8 @@ impl Shader<'_> {
                 let (mut places, mut rgb) = ([[0.0; MOST_LANES]; 2], [[0.0; MOST_LANES]; 3]);
                 M::store(s, &mut places[0]);
                 M::store(t, &mut places[1]);
-                self.light_by_nodes(ready, M::LANES, &places, &mut rgb);
+                self.lighter
+                    .light_by_nodes((ready.part, ready.face), M::LANES, &places, &mut rgb);
                 (M::load(&rgb[0]), M::load(&rgb[1]), M::load(&rgb[2]))
             }
         };
@@ -284,14 +308,10 @@ impl Shader<'_> {
                 texture,
                 rows,
                 slopes,
-            } => paint_flat::<M>(&self.scene.spec.textures[texture], rows, slopes, batch, w),
-            Paint::Cube { texture, rows } => paint_cube::<M>(
-                &self.scene.spec.textures[texture],
-                ready.whole,
-                rows,
-                batch,
-                w,
-            ),
+            } => paint_flat::<M>(self.texture(texture), rows, slopes, batch, w),
+            Paint::Cube { texture, rows } => {
+                paint_cube::<M>(self.texture(texture), ready.whole, rows, batch, w)
+            }
         };
         let byte = M::float(1.0 / 255.0);
         red = M::mul(red, M::mul(texels[0], byte));

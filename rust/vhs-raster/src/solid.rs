@@ -8,30 +8,8 @@
 //!
 //! Corners run counter-clockwise seen from outside.
 
-use crate::math::{V3, add, cross, dot, normalize, scale, sub};
+use crate::math::{V3, add, cross, dot, normalize, scale};
 use std::f64::consts::PI;
-
-/// How finely curved and flat surfaces are cut.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Tessellation {
-    /// Sides of a circle, at least 3.
-    pub slices: usize,
-    /// Bands from pole to pole of a sphere, or from end to end of a cylinder; at least 2.
-    pub stacks: usize,
-    /// Cells along each side of a box, at least 1.
-    pub quads: usize,
-}
-
-impl Default for Tessellation {
-    /// MuJoCo's defaults.
-    fn default() -> Self {
-        Self {
-            slices: 28,
-            stacks: 16,
-            quads: 4,
-        }
-    }
-}
 
 /// Positions of grid lines along one side of a face, in 0..=1: the first and the last cell may be narrower.
 #[derive(Debug, Clone)]
@@ -136,6 +114,8 @@ pub(crate) struct Solid {
     pub(crate) triangle_nodes: Vec<[u32; 3]>,
     /// Larger faces.
     pub(crate) faces: Vec<Face>,
+    /// Lines: indices into `positions`.
+    pub(crate) segments: Vec<[u32; 2]>,
     /// Vertices for lighting.
     pub(crate) nodes: Vec<Node>,
     /// Texture coordinates of the nodes; empty when the surface has none.
@@ -303,45 +283,42 @@ impl Solid {
         solid.finished()
     }
 
-    /// Triangles with a normal and, if any, a texture coordinate at each of their corners.
-    ///
-    /// As in MuJoCo's renderer, a mesh without texture coordinates shows its face normal wherever the vertex
-    /// normal leans away from it (cosine below 0.8): hard edges stay hard.
-    pub(crate) fn mesh(mesh: &crate::scene::MeshData) -> Self {
-        let mut solid = Self {
-            positions: mesh.vertices.clone(),
+    /// Two sides of length 1 along x and y.
+    pub(crate) fn triangle() -> Self {
+        let positions = vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let normal = [0.0, 0.0, 1.0];
+        let nodes = positions.iter();
+        Self {
+            nodes: nodes.map(|&position| Node { position, normal }).collect(),
+            uv: vec![[0.0, 1.0], [1.0, 1.0], [0.0, 0.0]],
+            triangles: vec![[0, 1, 2]],
+            triangle_nodes: vec![[0, 1, 2]],
+            positions,
             ..Self::default()
-        };
-        let mut known = std::collections::HashMap::new();
-        for (f, corners) in mesh.faces.iter().enumerate() {
-            let p = corners.map(|c| mesh.vertices[c as usize]);
-            let flat = normalize(cross(sub(p[1], p[0]), sub(p[2], p[0])));
-            let mut nodes = [0; 3];
-            for k in 0..3 {
-                let mut normal = mesh.normals[mesh.face_normals[f][k] as usize];
-                let uv = mesh.face_uv.get(f).map(|t| mesh.uv[t[k] as usize]);
-                if uv.is_none() && dot(normal, flat) < 0.8 {
-                    normal = flat;
-                }
-                let key = (
-                    corners[k],
-                    normal.map(f32::to_bits),
-                    uv.map(|c| c.map(f32::to_bits)),
-                );
-                nodes[k] = *known.entry(key).or_insert_with(|| {
-                    solid.nodes.push(Node {
-                        position: p[k],
-                        normal,
-                    });
-                    solid.uv.extend(uv);
-                    index(solid.nodes.len() - 1)
-                });
-            }
-            solid.triangles.push(*corners);
-            solid.triangle_nodes.push(nodes);
         }
-        solid.weld();
-        solid.finished()
+        .finished()
+    }
+
+    /// A line of length 1 along z.
+    pub(crate) fn line() -> Self {
+        Self {
+            positions: vec![[0.0; 3], [0.0, 0.0, 1.0]],
+            segments: vec![[0, 1]],
+            ..Self::default()
+        }
+        .finished()
+    }
+
+    /// The edges of the box from -1 to 1 on all axes.
+    pub(crate) fn line_box() -> Self {
+        let sign = |i: u32, k: u32| if i >> k & 1 == 1 { 1.0 } else { -1.0 };
+        let ends = |i: u32| (0..3).map(move |k| [i, i | 1 << k]).filter(|[a, b]| a != b);
+        Self {
+            positions: (0..8).map(|i| [0, 1, 2].map(|k| sign(i, k))).collect(),
+            segments: (0..8).flat_map(ends).collect(),
+            ..Self::default()
+        }
+        .finished()
     }
 
     /// Makes corners at the same place one corner: fewer to transform, and edges that meet exactly.

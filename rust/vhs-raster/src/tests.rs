@@ -4,25 +4,29 @@
 
 mod refusals;
 
+use std::sync::Arc;
+
 use proptest::prelude::*;
 
 use crate::lanes::Kind;
 use crate::{
-    Antialias, Camera, Canvas, Error, Geom, Haze, Layout, Lens, Light, LightKind, MeshData, Scene,
-    SceneSpec, Shape, Surface, Texture, TextureKind, TextureUse, View,
+    Antialias, Camera, Canvas, Effects, Fog, Geom, Haze, Heads, Layout, Lens, Light, LightKind,
+    MeshData, Scene, SceneSpec, Shape, Surface, Texture, TextureKind, TextureUse, View,
 };
 
 const SIZE: usize = 40;
 const NEAR: f32 = 0.05;
 const FAR: f32 = 20.0;
-const UPRIGHT: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
 
-fn geom(shape: Shape, number: i32) -> Geom {
-    Geom {
-        shape,
-        surface: Surface::default(),
-        tag: [number, 5],
-    }
+/// A view of a scene without assets.
+fn view_of(geoms: &[Geom], camera: Camera) -> View {
+    let spec = SceneSpec {
+        far: f64::from(FAR),
+        ..SceneSpec::default()
+    };
+    let mut view = View::new(Arc::new(Scene::new(spec).unwrap()), camera).unwrap();
+    view.set_geoms(geoms, &[]).unwrap();
+    view
 }
 
 fn camera(position: [f64; 3], azimuth: f64, elevation: f64) -> Camera {
@@ -58,10 +62,10 @@ fn kinds() -> Vec<Kind> {
     kinds
 }
 
-fn picture(scene: &Scene, view: &View, antialias: Antialias, kind: Kind) -> Vec<u8> {
+fn picture(view: &View, antialias: Antialias, kind: Kind) -> Vec<u8> {
     let mut out = vec![0; 3 * SIZE * SIZE];
     canvas(antialias, kind)
-        .draw(scene, view, Layout::Interleaved, &mut out)
+        .draw(view, Layout::Interleaved, &mut out)
         .unwrap();
     out
 }
@@ -79,20 +83,20 @@ fn soup(triangles: &[[[f32; 3]; 3]]) -> MeshData {
     }
 }
 
-/// A scene of one mesh.
-fn mesh_scene(mesh: MeshData) -> Scene {
+/// A view of one mesh.
+fn mesh_view(mesh: MeshData, camera: Camera) -> View {
     let shape = Shape::Mesh {
         mesh: 0,
         half_size: [1.0; 3],
     };
-    let geoms = vec![geom(shape, 0)];
-    Scene::new(SceneSpec {
+    let spec = SceneSpec {
         meshes: vec![mesh],
-        geoms,
         far: f64::from(FAR),
         ..SceneSpec::default()
-    })
-    .unwrap()
+    };
+    let mut view = View::new(Arc::new(Scene::new(spec).unwrap()), camera).unwrap();
+    view.set_geoms(&[Geom::new(shape)], &[]).unwrap();
+    view
 }
 
 /// Distance along the gaze at which the ray through the middle of a pixel meets the front of a triangle, and how far
@@ -153,11 +157,10 @@ proptest! {
     /// Triangles all around the camera, through its near plane and through each other.
     #[test]
     fn distances_are_those_of_rays(triangles in triangles(), camera in anywhere()) {
-        let scene = mesh_scene(soup(&triangles));
-        let view = View::new(&scene, camera).unwrap();
+        let view = mesh_view(soup(&triangles), camera);
         for kind in kinds() {
             let mut depth = vec![0.0; SIZE * SIZE];
-            canvas(Antialias::Off, kind).draw_depth(&scene, &view, &mut depth).unwrap();
+            canvas(Antialias::Off, kind).draw_depth(&view, &mut depth).unwrap();
             for (i, &found) in depth.iter().enumerate() {
                 let hits: Vec<_> = (triangles.iter().filter_map(|t| meet(&camera, i % SIZE, i / SIZE, t)))
                     .filter(|&(distance, _)| distance > 0.0)
@@ -181,18 +184,12 @@ proptest! {
     #[test]
     fn neighbours_share_no_sample_and_lose_none(distance in 0.8_f64..4.0, azimuth in 0.0..360.0, elevation in -89.0..89.0) {
         let surface = Surface { rgba: [1.0, 1.0, 1.0, 0.5], emission: 1.0, specular: 0.0, ..Surface::default() };
-        let ball = Geom { shape: Shape::Sphere { radius: 0.5 }, surface, tag: [0, 5] };
-        let lights = vec![Light {
-            kind: LightKind::Directional,
-            ambient: [0.0; 3],
-            diffuse: [0.0; 3],
-            specular: [0.0; 3],
-            is_headlight: true,
-        }];
-        let scene = Scene::new(SceneSpec { geoms: vec![ball], lights, far: 20.0, ..SceneSpec::default() }).unwrap();
+        let ball = Geom { surface, ..Geom::new(Shape::Sphere { radius: 0.5 }) };
         let [position, forward, up] = Camera::orbit([0.0; 3], distance, azimuth, elevation);
         let camera = Camera { position, forward, up, lens: Lens::Angle { fovy: 40.0 }, near: NEAR, far: FAR };
-        let out = picture(&scene, &View::new(&scene, camera).unwrap(), Antialias::Off, Kind::detect());
+        let mut view = view_of(&[ball], camera);
+        view.set_lights(&[light(LightKind::Directional, 0.0)]).unwrap();
+        let out = picture(&view, Antialias::Off, Kind::detect());
         // Blended over black twice, as transparent geoms are: 128, then 128 + 64.
         for pixel in out.chunks_exact(3) {
             prop_assert!(pixel[0] == 0 || (191..=192).contains(&pixel[0]), "{:?}", pixel);
@@ -203,15 +200,19 @@ proptest! {
     /// Vector units change the speed, not the picture.
     #[test]
     fn machines_agree_to_the_last_bit(camera in anywhere(), seed in 0_u8..255) {
-        let scene = mixed_scene(seed);
-        let mut view = View::new(&scene, camera).unwrap();
-        let place = |i: usize| [[1.5, 0.0, 0.0], [0.0, 1.5, 0.3], [-1.5, 0.0, 0.0], [0.0, -1.5, 0.5], [0.0, 0.0, -1.0]][i % 5];
-        let positions: Vec<f64> = (0..scene.geom_count()).flat_map(place).collect();
-        view.set_poses(0, &positions, &UPRIGHT.repeat(scene.geom_count())).unwrap();
+        let mut geoms = mixed_geoms();
+        let places = [[1.5, 0.0, 0.0], [0.0, 1.5, 0.3], [-1.5, 0.0, 0.0], [0.0, -1.5, 0.5], [0.0, 0.0, -1.0]];
+        for (geom, place) in geoms.iter_mut().zip(places) {
+            geom.position = place;
+        }
+        geoms[4].surface.reflectance = 0.5;
+        let mut view = mixed_view(seed, None, camera);
+        view.set_geoms(&geoms, &[]).unwrap();
+        view.set_effects(Effects { has_fog: true, ..Effects::default() });
         for antialias in [Antialias::Off, Antialias::Multisample, Antialias::Supersample] {
-            let expected = picture(&scene, &view, antialias, Kind::Plain);
+            let expected = picture(&view, antialias, Kind::Plain);
             for kind in kinds() {
-                prop_assert_eq!(&picture(&scene, &view, antialias, kind), &expected);
+                prop_assert_eq!(&picture(&view, antialias, kind), &expected);
             }
         }
     }
@@ -230,17 +231,55 @@ proptest! {
             Shape::Cylinder { radius, half_length },
             Shape::Box { half_size: sizes },
             Shape::Plane { half_size: [radius.into(), half_length.into()], spacing: 0.1 },
+            Shape::Arrow { size: sizes, heads: Heads::One },
+            Shape::Arrow { size: sizes, heads: Heads::Narrow },
+            Shape::Arrow { size: sizes, heads: Heads::Two },
+            Shape::Triangle { sides: [radius, half_length] },
+            Shape::Line { width: radius, length: half_length },
+            Shape::LineBox { half_size: sizes, width: 2.0 },
         ];
         for shape in shapes {
-            let spec = SceneSpec { geoms: vec![geom(shape, 0)], far: 20.0, ..SceneSpec::default() };
-            let scene = Scene::new(spec).unwrap();
-            picture(&scene, &View::new(&scene, camera).unwrap(), Antialias::Multisample, Kind::detect());
+            let mut geom = Geom::new(shape);
+            geom.surface.reflectance = 0.5;
+            let mut view = view_of(&[geom, Geom::new(Shape::Sphere { radius: 0.3 })], camera);
+            view.set_lights(&[still(LightKind::Directional), still(SPOT)]).unwrap();
+            picture(&view, Antialias::Multisample, Kind::detect());
         }
     }
 }
 
-/// One of each shape, with both kinds of texture and light.
-fn mixed_scene(seed: u8) -> Scene {
+/// A light from the camera's side that lights nothing but what it is told to.
+fn light(kind: LightKind, strength: f32) -> Light {
+    Light {
+        kind,
+        ambient: [0.2 * strength; 3],
+        diffuse: [0.6 * strength; 3],
+        specular: [0.4 * strength; 3],
+        position: [0.0; 3],
+        direction: [0.0, 0.0, -1.0],
+        is_headlight: true,
+        casts_shadow: false,
+    }
+}
+
+const SPOT: LightKind = LightKind::Spot {
+    attenuation: [1.0, 0.1, 0.0],
+    exponent: 5.0,
+    cutoff: 60.0,
+};
+
+/// A light that hangs above the middle and casts shadows.
+fn still(kind: LightKind) -> Light {
+    Light {
+        position: [0.2, 0.1, 3.0],
+        is_headlight: false,
+        casts_shadow: true,
+        ..light(kind, 1.0)
+    }
+}
+
+/// Flat and cube textures of noise, the cube as the sky, and fog.
+fn mixed_spec(seed: u8) -> SceneSpec {
     let noise = |n: usize| -> Vec<u8> {
         let next = |x: &mut u32| {
             *x = x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
@@ -255,76 +294,73 @@ fn mixed_scene(seed: u8) -> Scene {
     };
     let flat = Texture::new(TextureKind::Flat, 48, 20, 3, &noise(48 * 20 * 3)).unwrap();
     let cube = Texture::new(TextureKind::Cube, 16, 96, 3, &noise(16 * 96 * 3)).unwrap();
-    let paint = |texture| {
-        Some(TextureUse {
-            texture,
-            repeat: [3.0, 2.0],
-            uniform: true,
-        })
-    };
-    let surface = |texture| Surface {
-        texture,
-        ..Surface::default()
+    SceneSpec {
+        textures: vec![flat, cube],
+        sky: Some(1),
+        fog: Some(Fog {
+            rgb: [0.4, 0.5, 0.6],
+            start: 1.0,
+            end: 9.0,
+        }),
+        far: f64::from(FAR),
+        ..SceneSpec::default()
+    }
+}
+
+/// One of each common shape, with both kinds of texture.
+fn mixed_geoms() -> Vec<Geom> {
+    let (radius, half_length) = (0.4, 0.5);
+    let half_size = [0.3, 0.5, 0.4];
+    let endless = Shape::Plane {
+        half_size: [0.0, 0.0],
+        spacing: 0.1,
     };
     let shapes = [
-        (
-            Shape::Box {
-                half_size: [0.3, 0.5, 0.4],
-            },
-            paint(0),
-        ),
-        (Shape::Sphere { radius: 0.5 }, paint(1)),
+        (Shape::Box { half_size }, Some(0)),
+        (Shape::Sphere { radius }, Some(1)),
         (
             Shape::Cylinder {
-                radius: 0.4,
-                half_length: 0.5,
+                radius,
+                half_length,
             },
             None,
         ),
         (
             Shape::Capsule {
-                radius: 0.2,
-                half_length: 0.5,
+                radius,
+                half_length,
             },
-            paint(0),
+            Some(0),
         ),
-        (
-            Shape::Plane {
-                half_size: [0.0, 0.0],
-                spacing: 0.1,
-            },
-            paint(0),
-        ),
+        (endless, Some(0)),
     ];
-    let geoms = shapes
-        .map(|(shape, texture)| Geom {
-            shape,
-            surface: surface(texture),
-            tag: [0, 5],
-        })
-        .to_vec();
-    let spot = LightKind::Spot {
-        attenuation: [1.0, 0.1, 0.0],
-        exponent: 5.0,
-        cutoff: 60.0,
+    let painted = |(shape, texture): (Shape, Option<usize>)| {
+        let texture = texture.map(|texture| TextureUse {
+            texture,
+            repeat: [3.0, 2.0],
+            uniform: true,
+        });
+        let surface = Surface {
+            texture,
+            ..Surface::default()
+        };
+        Geom {
+            surface,
+            ..Geom::new(shape)
+        }
     };
-    let light = |kind, is_headlight| Light {
-        kind,
-        ambient: [0.2; 3],
-        diffuse: [0.6; 3],
-        specular: [0.4; 3],
-        is_headlight,
-    };
-    let lights = vec![light(LightKind::Directional, true), light(spot, false)];
-    let spec = SceneSpec {
-        textures: vec![flat, cube],
-        geoms,
-        lights,
-        sky: Some(1),
-        far: 20.0,
-        ..SceneSpec::default()
-    };
-    Scene::new(spec).unwrap()
+    shapes.into_iter().map(painted).collect()
+}
+
+/// One of each common shape, with both kinds of texture and light.
+fn mixed_view(seed: u8, haze: Option<Haze>, camera: Camera) -> View {
+    let mut spec = mixed_spec(seed);
+    spec.haze = haze;
+    let mut view = View::new(Arc::new(Scene::new(spec).unwrap()), camera).unwrap();
+    view.set_geoms(&mixed_geoms(), &[]).unwrap();
+    view.set_lights(&[light(LightKind::Directional, 1.0), still(SPOT)])
+        .unwrap();
+    view
 }
 
 #[test]
@@ -336,16 +372,10 @@ fn a_camera_inside_a_solid_looks_through_it() {
         },
     ];
     for shape in shapes {
-        let spec = SceneSpec {
-            geoms: vec![geom(shape, 0)],
-            far: 20.0,
-            ..SceneSpec::default()
-        };
-        let scene = Scene::new(spec).unwrap();
-        let view = View::new(&scene, camera([0.1, 0.0, 0.0], 30.0, 10.0)).unwrap();
+        let view = view_of(&[Geom::new(shape)], camera([0.1, 0.0, 0.0], 30.0, 10.0));
         let mut tags = vec![0; 2 * SIZE * SIZE];
         canvas(Antialias::Off, Kind::detect())
-            .draw_tags(&scene, &view, &mut tags)
+            .draw_tags(&view, &mut tags)
             .unwrap();
         assert!(tags.iter().all(|&t| t == -1));
     }
@@ -355,11 +385,10 @@ fn a_camera_inside_a_solid_looks_through_it() {
 fn triangles_without_area_are_not_drawn() {
     let line = [[0.0, 1.0, 0.0], [0.0, 2.0, 0.0], [0.0, 3.0, 0.0]];
     let point = [[0.0, 1.0, 0.0]; 3];
-    let scene = mesh_scene(soup(&[line, point]));
-    let view = View::new(&scene, camera([0.0, -1.0, 0.1], 90.0, 0.0)).unwrap();
+    let view = mesh_view(soup(&[line, point]), camera([0.0, -1.0, 0.1], 90.0, 0.0));
     let mut tags = vec![0; 2 * SIZE * SIZE];
     canvas(Antialias::Off, Kind::detect())
-        .draw_tags(&scene, &view, &mut tags)
+        .draw_tags(&view, &mut tags)
         .unwrap();
     assert!(tags.iter().all(|&t| t == -1));
 }
@@ -374,19 +403,12 @@ fn averaging_four_samples_rounds_to_the_nearest() {
         ..Surface::default()
     };
     let ball = Geom {
-        shape: Shape::Sphere { radius: 0.5 },
         surface,
-        tag: [0, 5],
+        ..Geom::new(Shape::Sphere { radius: 0.5 })
     };
-    let scene = Scene::new(SceneSpec {
-        geoms: vec![ball],
-        far: 20.0,
-        ..SceneSpec::default()
-    })
-    .unwrap();
-    let view = View::new(&scene, camera([-2.0, 0.0, 0.0], 0.0, 0.0)).unwrap();
+    let view = view_of(&[ball], camera([-2.0, 0.0, 0.0], 0.0, 0.0));
     for antialias in [Antialias::Multisample, Antialias::Supersample] {
-        let out = picture(&scene, &view, antialias, Kind::detect());
+        let out = picture(&view, antialias, Kind::detect());
         let levels: std::collections::BTreeSet<u8> = out.into_iter().collect();
         assert!(
             levels
@@ -399,14 +421,44 @@ fn averaging_four_samples_rounds_to_the_nearest() {
 }
 
 #[test]
+fn a_ball_keeps_the_light_of_its_lamp_from_the_floor_below() {
+    let half_size = [2.0, 2.0];
+    let floor = Geom::new(Shape::Plane {
+        half_size,
+        spacing: 0.1,
+    });
+    let ball = Geom {
+        position: [0.0, 0.0, 1.0],
+        ..Geom::new(Shape::Sphere { radius: 0.5 })
+    };
+    let clear = Geom {
+        casts_shadow: false,
+        ..ball
+    };
+    // From the side, so that the floor below the ball is seen.
+    let look = |geom: Geom, has_shadows: bool| {
+        let mut view = view_of(&[floor, geom], camera([-2.0, 0.0, 0.6], 0.0, -16.0));
+        view.set_lights(&[still(LightKind::Directional)]).unwrap();
+        let effects = Effects {
+            has_shadows,
+            ..Effects::default()
+        };
+        view.set_effects(effects);
+        picture(&view, Antialias::Off, Kind::detect())
+    };
+    let (shaded, lit) = (look(ball, true), look(ball, false));
+    assert!(shaded != lit);
+    assert!(shaded.iter().zip(&lit).all(|(a, b)| a <= b));
+    assert!(look(clear, true) == lit);
+}
+
+#[test]
 fn haze_brighter_than_white_is_white() {
     let look = |rgb| {
-        let mut spec = mixed_scene(1).spec;
         let proportion = 0.8;
-        spec.haze = Some(Haze { rgb, proportion });
-        let scene = Scene::new(spec).unwrap();
-        let view = View::new(&scene, camera([0.0, 0.0, 1.0], 0.0, 0.0)).unwrap();
-        picture(&scene, &view, Antialias::Off, Kind::detect())
+        let haze = Some(Haze { rgb, proportion });
+        let view = mixed_view(1, haze, camera([0.0, 0.0, 1.0], 0.0, 0.0));
+        picture(&view, Antialias::Off, Kind::detect())
     };
     let white = look([1.0; 3]);
     assert_ne!(white, look([0.0; 3]), "the haze is in the picture");
@@ -415,21 +467,23 @@ fn haze_brighter_than_white_is_white() {
 
 #[test]
 fn a_light_that_does_not_fall_off_to_begin_with_makes_no_strange_colours() {
-    let mut spec = mixed_scene(1).spec;
-    spec.lights[1].kind = LightKind::Spot {
-        attenuation: [0.0; 3],
-        exponent: 0.0,
-        cutoff: 180.0,
+    let green = Light {
+        kind: LightKind::Spot {
+            attenuation: [0.0; 3],
+            exponent: 0.0,
+            cutoff: 180.0,
+        },
+        ambient: [0.0, 1.0, 0.0],
+        is_headlight: false,
+        ..light(LightKind::Directional, 0.0)
     };
-    spec.lights[1].ambient = [0.0, 1.0, 0.0];
-    spec.lights[1].diffuse = [0.0; 3];
-    spec.lights[1].specular = [0.0; 3];
+    let mut view = mixed_view(1, None, camera([-2.0, 0.0, 1.0], 0.0, -20.0));
+    view.set_lights(&[light(LightKind::Directional, 1.0), green])
+        .unwrap();
     let kinds = kinds();
-    let scene = Scene::new(spec).unwrap();
-    let view = View::new(&scene, camera([-2.0, 0.0, 1.0], 0.0, -20.0)).unwrap();
     let pictures: Vec<_> = kinds
         .iter()
-        .map(|&kind| picture(&scene, &view, Antialias::Off, kind))
+        .map(|&kind| picture(&view, Antialias::Off, kind))
         .collect();
     // Without end in green, so all that is lit by it is as green as can be.
     let ball = 3 * (SIZE * SIZE / 2 + SIZE / 2);

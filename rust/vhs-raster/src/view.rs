@@ -1,398 +1,208 @@
-//! What moves: poses of geoms and lights, and the camera.
+//! What may change from frame to frame: geoms, lights, the camera, and what is switched on.
 //!
 //! Poses come in f64 and are taken relative to the camera before they are rounded to f32, so that a scene far
 //! from its origin loses nothing.
 
+use std::sync::Arc;
+
+use crate::assets::{Scene, below, finite};
+use crate::camera::{Camera, Lens, Projection, check_camera};
 use crate::error::{Error, Result, check_len};
-use crate::math::{V3, normalize, sub};
-use crate::prepare::Scene;
+use crate::math::V3;
+use crate::parts::{Mapping, Part, PlaneSizes, brings_uv, mapping_of, nominal_size, push_parts};
+use crate::scene::{Fog, Geom, Light, LightKind, Shape, Soft};
+use crate::solid::Solid;
+use crate::texture::TextureKind;
 
-/// A camera in the world, metres.
+/// What is shown besides geoms.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Camera {
-    /// Where it is.
-    pub position: [f64; 3],
-    /// Where it looks.
-    pub forward: [f64; 3],
-    /// What is up in the picture; only its part across `forward` counts.
-    pub up: [f64; 3],
-    /// What it sees.
-    pub lens: Lens,
-    /// Nothing nearer than this is drawn.
-    pub near: f32,
-    /// Nothing farther than this is drawn.
-    pub far: f32,
+#[allow(
+    clippy::struct_excessive_bools,
+    reason = "five switches that do not depend on each other"
+)]
+pub struct Effects {
+    /// The scene's sky, if it has one.
+    pub has_sky: bool,
+    /// The scene's haze; only where there is a sky.
+    pub has_haze: bool,
+    /// Shadows of the lights that cast them; without, such lights shine through everything.
+    pub has_shadows: bool,
+    /// What the first geom that can mirrors.
+    pub has_reflections: bool,
+    /// The scene's fog, if it has one.
+    pub has_fog: bool,
 }
 
-/// Mapping from a camera's view to its picture.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Lens {
-    /// Perspective with square pixels, from the full vertical angle in degrees.
-    Angle {
-        /// Vertical field of view in degrees.
-        fovy: f64,
-    },
-    /// Perspective from distances on the image plane at distance 1: below, above, left, right of the axis.
-    Frustum {
-        /// Extent below the axis.
-        bottom: f64,
-        /// Extent above the axis.
-        top: f64,
-        /// Extent left of the axis.
-        left: f64,
-        /// Extent right of the axis.
-        right: f64,
-    },
-    /// Parallel projection of this height in metres, square pixels.
-    Parallel {
-        /// Height of the picture in metres.
-        height: f64,
-    },
-}
-
-impl Camera {
-    /// Position, gaze and up vector of a camera that circles a point: `azimuth` and `elevation` of its gaze in degrees.
-    #[must_use]
-    pub fn orbit(look_at: [f64; 3], distance: f64, azimuth: f64, elevation: f64) -> [[f64; 3]; 3] {
-        let (a, e) = (azimuth.to_radians(), elevation.to_radians());
-        let (ca, sa, ce, se) = (libm::cos(a), libm::sin(a), libm::cos(e), libm::sin(e));
-        let forward = [ce * ca, ce * sa, se];
-        let position = [0, 1, 2].map(|k| look_at[k] - distance * forward[k]);
-        [position, forward, [-se * ca, -se * sa, ce]]
-    }
-}
-
-/// The camera as a linear map from the world to the picture.
-///
-/// A point goes to `(X, Y, W, Z)`: its pixel is `(X / W, Y / W)`, measured from the middle of the picture with y
-/// upwards, and `Z / W` grows towards the camera and is linear across the picture.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Projection {
-    /// Rows of the map for X, Y, W; world axes.
-    pub(crate) rows: [[f64; 3]; 3],
-    /// Constant terms of X, Y, W.
-    pub(crate) constant: [f64; 3],
-    /// Z is 1 for perspective; else it is this row.
-    pub(crate) depth_row: Option<[f64; 3]>,
-    /// Where the camera is.
-    pub(crate) origin: [f64; 3],
-    /// `Z / W` of the far and of the near plane.
-    pub(crate) depth_range: (f32, f32),
-    /// Smallest W that is in view.
-    pub(crate) near: f32,
-    /// Gaze, of length 1.
-    pub(crate) forward: V3,
-    /// Planes around the view, normals of length 1 pointing inwards.
-    sides: [([f64; 3], f64); 6],
-}
-
-fn cross64(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
-fn unit64(a: [f64; 3]) -> [f64; 3] {
-    let length = (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sqrt();
-    if length < 1e-10 {
-        [0.0, 0.0, 1.0]
-    } else {
-        a.map(|x| x / length)
-    }
-}
-
-pub(crate) fn dot64(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-impl Projection {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_precision_loss,
-        reason = "the picture is drawn in f32"
-    )]
-    fn new(camera: &Camera, height: usize, width: usize) -> Self {
-        let forward = unit64(camera.forward);
-        let right = unit64(cross64(forward, camera.up));
-        let up = unit64(cross64(right, forward));
-        let (h, w) = (0.5 * height as f64, 0.5 * width as f64);
-        let aspect = w / h;
-        let combine = |kx: f64, a: [f64; 3], k: f64| [0, 1, 2].map(|i| kx * a[i] + k * forward[i]);
-        let (rows, constant, depth_row, depth_range) = match camera.lens {
-            Lens::Angle { .. } | Lens::Frustum { .. } => {
-                let (b, t, l, r) = match camera.lens {
-                    Lens::Frustum {
-                        bottom,
-                        top,
-                        left,
-                        right,
-                    } => (-bottom, top, -left, right),
-                    Lens::Angle { fovy } => {
-                        let t = libm::tan(0.5 * fovy.to_radians());
-                        (-t, t, -t * aspect, t * aspect)
-                    }
-                    Lens::Parallel { .. } => (-1.0, 1.0, -1.0, 1.0),
-                };
-                let x = combine(2.0 * w / (r - l), right, -w * (r + l) / (r - l));
-                let y = combine(2.0 * h / (t - b), up, -h * (t + b) / (t - b));
-                (
-                    [x, y, forward],
-                    [0.0; 3],
-                    None,
-                    (1.0 / camera.far, 1.0 / camera.near),
-                )
-            }
-            Lens::Parallel { height } => {
-                let k = 2.0 * h / height;
-                let range = (-camera.far, -camera.near);
-                (
-                    [right.map(|v| k * v), up.map(|v| k * v), [0.0; 3]],
-                    [0.0, 0.0, 1.0],
-                    Some(forward.map(|v| -v)),
-                    range,
-                )
-            }
-        };
-        let near = if depth_row.is_none() {
-            camera.near
-        } else {
-            0.0
-        };
-        // Inside means |X| <= w W and |Y| <= h W, and a distance between near and far.
-        let side = |axis: usize, sign: f64, reach: f64| {
-            let normal = [0, 1, 2].map(|i| sign * rows[axis][i] + reach * rows[2][i]);
-            let length = dot64(normal, normal).sqrt();
-            (
-                normal.map(|v| v / length),
-                (sign * constant[axis] + reach * constant[2]) / length,
-            )
-        };
-        let sides = [
-            side(0, 1.0, w),
-            side(0, -1.0, w),
-            side(1, 1.0, h),
-            side(1, -1.0, h),
-            (forward, -f64::from(camera.near)),
-            (forward.map(|v| -v), f64::from(camera.far)),
-        ];
-        let forward = forward.map(|v| v as f32);
+impl Default for Effects {
+    fn default() -> Self {
         Self {
-            rows,
-            constant,
-            depth_row,
-            origin: camera.position,
-            depth_range,
-            near,
-            forward,
-            sides,
-        }
-    }
-
-    /// Map from a solid's unit frame to the picture: matrix, constant, and the row of Z with its constant.
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "the picture is drawn in f32"
-    )]
-    pub(crate) fn of_part(
-        &self,
-        position: [f64; 3],
-        r: &[f64; 9],
-        scale: V3,
-    ) -> ([f32; 9], V3, [f32; 4]) {
-        let from_camera = [0, 1, 2].map(|k| position[k] - self.origin[k]);
-        let through = |row: &[f64; 3]| {
-            [0, 1, 2].map(|k| {
-                ((row[0] * r[k] + row[1] * r[3 + k] + row[2] * r[6 + k]) * f64::from(scale[k]))
-                    as f32
-            })
-        };
-        let [a, b, c] = [0, 1, 2].map(|i| through(&self.rows[i]));
-        let constant =
-            [0, 1, 2].map(|i| (dot64(self.rows[i], from_camera) + self.constant[i]) as f32);
-        let depth = self.depth_row.map_or([0.0, 0.0, 0.0, 1.0], |row| {
-            let v = through(&row);
-            [v[0], v[1], v[2], dot64(row, from_camera) as f32]
-        });
-        (
-            [a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2]],
-            constant,
-            depth,
-        )
-    }
-
-    /// Whether a ball can touch the picture.
-    pub(crate) fn may_see(&self, position: [f64; 3], radius: f32) -> bool {
-        let from_camera = [0, 1, 2].map(|k| position[k] - self.origin[k]);
-        let reach = f64::from(radius);
-        self.sides
-            .iter()
-            .all(|(normal, constant)| dot64(*normal, from_camera) + constant >= -reach)
-    }
-
-    /// Distance along the gaze from a value of the depth buffer.
-    pub(crate) fn distance(&self, depth: f32) -> f32 {
-        if self.depth_row.is_some() {
-            -depth
-        } else {
-            1.0 / depth
+            has_sky: true,
+            has_haze: true,
+            has_shadows: true,
+            has_reflections: true,
+            has_fog: false,
         }
     }
 }
 
-/// Pose of a geom: `world_from_geom`.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Pose {
-    pub(crate) position: [f64; 3],
-    pub(crate) rotation: [f64; 9],
-}
-
-/// Position and direction of a light in the world.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct LightPose {
-    pub(crate) is_on: bool,
-    pub(crate) position: V3,
-    pub(crate) direction: V3,
+/// A geom with what was decided for it once.
+#[derive(Debug, Clone)]
+pub(crate) struct Shown {
+    pub(crate) geom: Geom,
+    pub(crate) mapping: Mapping,
+    /// Step by which an endless plane follows the camera, 0 where it ends.
+    pub(crate) step: [f64; 2],
 }
 
 /// One moment of a scene, seen by one camera.
 #[derive(Debug, Clone)]
 pub struct View {
-    pub(crate) poses: Vec<Pose>,
-    pub(crate) is_visible: Vec<bool>,
-    pub(crate) lights: Vec<LightPose>,
+    pub(crate) scene: Arc<Scene>,
+    pub(crate) geoms: Vec<Shown>,
+    /// Parts in drawing order.
+    pub(crate) parts: Vec<Part>,
+    pub(crate) lights: Vec<Light>,
     pub(crate) camera: Camera,
+    pub(crate) effects: Effects,
+    /// Planes, kept from frame to frame as long as they have these sizes.
+    planes: Vec<(PlaneSizes, Arc<Solid>, [f64; 2])>,
+    /// Solids of this view alone: planes and softs.
+    own: Vec<Arc<Solid>>,
 }
 
 impl View {
-    /// A view of `scene` with every geom at the origin, all visible and all lights on.
+    /// A view of `scene` without geoms and lights.
     ///
     /// # Errors
     /// As [`View::set_camera`].
-    pub fn new(scene: &Scene, camera: Camera) -> Result<Self> {
+    pub fn new(scene: Arc<Scene>, camera: Camera) -> Result<Self> {
         check_camera(&camera)?;
-        let rotation = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
-        let light = LightPose {
-            is_on: true,
-            position: [0.0; 3],
-            direction: [0.0, 0.0, -1.0],
-        };
         Ok(Self {
-            poses: vec![
-                Pose {
-                    position: [0.0; 3],
-                    rotation
-                };
-                scene.geom_count()
-            ],
-            is_visible: vec![true; scene.geom_count()],
-            lights: vec![light; scene.light_count()],
+            scene,
+            geoms: Vec::new(),
+            parts: Vec::new(),
+            lights: Vec::new(),
             camera,
+            effects: Effects::default(),
+            planes: Vec::new(),
+            own: Vec::new(),
         })
     }
 
-    /// Sets poses from geom `first` on: `positions` [n, 3] in metres, `rotations` [n, 3, 3] world from geom.
+    /// Says what is drawn: `geoms` in this order, and the bending surfaces that they point at.
     ///
     /// # Errors
-    /// [`Error::Length`] when the arrays disagree or run past the last geom, [`Error::Index`] where `first` itself
-    /// does, [`Error::NotFinite`] for NaN or infinity. Then no pose changes.
-    pub fn set_poses(&mut self, first: usize, positions: &[f64], rotations: &[f64]) -> Result<()> {
-        let n = positions.len() / 3;
-        let Some(expected) = self.poses.len().checked_sub(first) else {
-            return Err(Error::Index {
-                what: "first geom",
-                index: first,
-                len: self.poses.len() + 1,
-            });
-        };
-        if n > expected || positions.len() != 3 * n {
-            return Err(Error::Length {
-                what: "geom positions",
-                expected: 3 * expected,
-                got: positions.len(),
-            });
+    /// [`Error::Index`] for an index past a table's end, [`Error::NotFinite`] for NaN or infinity, [`Error::Length`] for
+    /// tables of a soft that do not fit together. Then nothing changes.
+    pub fn set_geoms(&mut self, geoms: &[Geom], softs: &[Soft]) -> Result<()> {
+        for soft in softs {
+            check_soft(soft)?;
         }
-        if rotations.len() != 9 * n {
-            return Err(Error::Length {
-                what: "geom rotations",
-                expected: 9 * n,
-                got: rotations.len(),
-            });
+        for (g, geom) in geoms.iter().enumerate() {
+            self.check_geom(g, geom, softs.len())?;
         }
-        // A product with 0 is 0 for finite numbers only, and adding up needs no branch per number.
-        let broken = positions
-            .iter()
-            .chain(rotations)
-            .map(|x| x * 0.0)
-            .sum::<f64>();
-        if broken != 0.0 {
-            let is_bad = |i: &usize| {
-                !(positions[3 * i..3 * i + 3]
-                    .iter()
-                    .chain(&rotations[9 * i..9 * i + 9]))
-                .all(|x| x.is_finite())
-            };
-            let index = first + (0..n).find(is_bad).unwrap_or(0);
-            return Err(Error::NotFinite {
-                what: "pose of geom",
-                index,
+        self.own.clear();
+        self.own
+            .extend(softs.iter().map(|soft| Arc::new(Solid::soft(soft))));
+        self.geoms.clear();
+        self.parts.clear();
+        let old = std::mem::take(&mut self.planes);
+        let mut flat = self.last_flat_texture(geoms);
+        for (g, &geom) in geoms.iter().enumerate() {
+            let mut geom = geom;
+            let brings_uv = brings_uv(&self.scene, geom.shape, softs);
+            if let Some(used) = &mut geom.surface.texture {
+                if self.is_flat(used.texture) {
+                    flat = Some(used.texture);
+                } else if brings_uv {
+                    // OpenGL cannot bind a cube where a flat texture is asked for: the last flat one stays.
+                    used.texture = flat.unwrap_or(used.texture);
+                }
+            }
+            let (own, step) = self.own_solid(&geom, &old);
+            let radius = self.own.get(own).map_or(0.0, |solid| solid.radius);
+            let number = self.scene.solids.len() + own;
+            push_parts(
+                &mut self.parts,
+                &self.scene,
+                g,
+                geom.shape,
+                (number, radius),
+            );
+            let mapping = mapping_of(&self.scene, &geom, brings_uv);
+            self.geoms.push(Shown {
+                geom,
+                mapping,
+                step,
             });
-        }
-        for (i, pose) in self.poses[first..first + n].iter_mut().enumerate() {
-            pose.position.copy_from_slice(&positions[3 * i..3 * i + 3]);
-            pose.rotation.copy_from_slice(&rotations[9 * i..9 * i + 9]);
         }
         Ok(())
     }
 
-    /// Says which geoms are drawn.
-    ///
-    /// # Errors
-    /// [`Error::Length`] for another number of geoms; then nothing changes.
-    pub fn set_visible(&mut self, is_visible: &[bool]) -> Result<()> {
-        let expected = self.is_visible.len();
-        if is_visible.len() != expected {
-            return Err(Error::Length {
-                what: "visibility of geoms",
-                expected,
-                got: is_visible.len(),
-            });
-        }
-        self.is_visible.copy_from_slice(is_visible);
-        Ok(())
+    fn is_flat(&self, texture: usize) -> bool {
+        self.scene.textures[texture].kind() == TextureKind::Flat
     }
 
-    /// Places light `index`, or switches it off.
-    ///
-    /// # Errors
-    /// [`Error::Index`] for a light that the scene lacks, [`Error::NotFinite`] for NaN; then nothing changes.
-    #[expect(clippy::cast_possible_truncation, reason = "lighting is f32")]
-    pub fn set_light(
+    /// The flat texture that was used last before a frame of these geoms: in the frame before, or when it was loaded.
+    fn last_flat_texture(&self, geoms: &[Geom]) -> Option<usize> {
+        let used = geoms.iter().rev().filter_map(|g| g.surface.texture);
+        let used = used.map(|used| used.texture).find(|&t| self.is_flat(t));
+        used.or_else(|| (0..self.scene.textures.len()).rfind(|&t| self.is_flat(t)))
+    }
+
+    /// Number of the solid that is this geom's alone within `own`, and the step by which it follows the camera.
+    fn own_solid(
         &mut self,
-        index: usize,
-        is_on: bool,
-        position: [f64; 3],
-        direction: [f64; 3],
-    ) -> Result<()> {
-        let len = self.lights.len();
-        let light = self.lights.get_mut(index).ok_or(Error::Index {
-            what: "light",
-            index,
-            len,
-        })?;
-        if !position.iter().chain(&direction).all(|x| x.is_finite()) {
-            return Err(Error::NotFinite {
-                what: "pose of light",
-                index,
-            });
-        }
-        let direction = direction.map(|x| x as f32);
-        *light = LightPose {
-            is_on,
-            position: position.map(|x| x as f32),
-            direction,
+        geom: &Geom,
+        old: &[(PlaneSizes, Arc<Solid>, [f64; 2])],
+    ) -> (usize, [f64; 2]) {
+        let (half_size, spacing) = match geom.shape {
+            Shape::Plane { half_size, spacing } => (half_size, spacing),
+            Shape::Soft { soft, .. } => return (soft, [0.0; 2]),
+            _ => return (0, [0.0; 2]),
         };
+        let sizes = PlaneSizes::of(half_size, spacing, geom.surface.texture);
+        let known = old.iter().chain(&self.planes).find(|p| p.0 == sizes);
+        let plane = known.cloned().unwrap_or_else(|| {
+            let (solid, step) = sizes.solid(self.scene.far);
+            (sizes, Arc::new(solid), step)
+        });
+        let step = plane.2;
+        self.own.push(plane.1.clone());
+        self.planes.push(plane);
+        (self.own.len() - 1, step)
+    }
+
+    /// Says what shines; OpenGL knows eight lights, and so only the first eight do.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`] for NaN or infinity; then nothing changes.
+    pub fn set_lights(&mut self, lights: &[Light]) -> Result<()> {
+        for (index, light) in lights.iter().enumerate() {
+            let spot = match light.kind {
+                LightKind::Directional => [0.0; 5],
+                LightKind::Spot {
+                    attenuation: [constant, linear, quadratic],
+                    exponent,
+                    cutoff,
+                } => [constant, linear, quadratic, exponent, cutoff],
+            };
+            let vectors = [
+                light.ambient,
+                light.diffuse,
+                light.specular,
+                light.position,
+                light.direction,
+            ];
+            if !vectors.iter().flatten().chain(&spot).all(|x| x.is_finite()) {
+                return Err(Error::NotFinite {
+                    what: "light",
+                    index,
+                });
+            }
+        }
+        self.lights.clear();
+        self.lights.extend_from_slice(lights);
         Ok(())
     }
 
@@ -406,10 +216,30 @@ impl View {
         Ok(())
     }
 
-    /// Checks that this is a view of such a scene, by the numbers of its geoms and lights.
-    pub(crate) fn check_of(&self, scene: &Scene) -> Result<()> {
-        check_len("poses of the view", scene.geom_count(), self.poses.len())?;
-        check_len("lights of the view", scene.light_count(), self.lights.len())
+    /// Says what is shown besides geoms.
+    pub fn set_effects(&mut self, effects: Effects) {
+        self.effects = effects;
+    }
+
+    /// Whether a light is kept off by what is in its way.
+    pub(crate) fn has_shadow(&self, light: &Light) -> bool {
+        self.effects.has_shadows && self.scene.shadows.size >= 4 && light.casts_shadow
+    }
+
+    /// The fog that is shown, and whether distances are those of a parallel projection.
+    pub(crate) fn fog(&self) -> Option<(Fog, bool)> {
+        let fog = self.scene.fog.filter(|_| self.effects.has_fog)?;
+        Some((fog, matches!(self.camera.lens, Lens::Parallel { .. })))
+    }
+
+    /// A solid by the number that a part has for it.
+    pub(crate) fn solid(&self, number: usize) -> &Solid {
+        let shared = &self.scene.solids;
+        if number < shared.len() {
+            &shared[number]
+        } else {
+            &self.own[number - shared.len()]
+        }
     }
 
     pub(crate) fn projection(&self, height: usize, width: usize) -> Projection {
@@ -421,62 +251,58 @@ impl View {
     pub(crate) fn eye(&self) -> V3 {
         self.camera.position.map(|x| x as f32)
     }
+
+    /// Refuses a geom that points past a table's end or is nowhere.
+    fn check_geom(&self, index: usize, geom: &Geom, softs: usize) -> Result<()> {
+        let s = geom.surface;
+        let [r, g, b, a] = s.rgba;
+        let gloss = [s.emission, s.specular, s.shininess, s.reflectance];
+        // A product with 0 is 0 for finite numbers only, and adding up needs no branch per number.
+        let pose = geom.position.iter().chain(&geom.rotation);
+        let other = [r, g, b, a]
+            .into_iter()
+            .chain(gloss)
+            .chain(nominal_size(geom.shape));
+        let what = if pose.map(|x| x * 0.0).sum::<f64>() != 0.0 {
+            Some("pose of geom")
+        } else if other.map(|x| x * 0.0).sum::<f32>() != 0.0 {
+            Some("surface or size of geom")
+        } else {
+            None
+        };
+        if let Some(what) = what {
+            return Err(Error::NotFinite { what, index });
+        }
+        if let Some(texture) = s.texture {
+            below("texture", texture.texture, self.scene.textures.len())?;
+            if !texture.repeat.iter().all(|x| x.is_finite()) {
+                let what = "texture repetitions of geom";
+                return Err(Error::NotFinite { what, index });
+            }
+        }
+        match geom.shape {
+            Shape::Mesh { mesh, .. } => below("mesh", mesh, self.scene.mesh_count()),
+            Shape::HeightField { field, .. } => {
+                below("height field", field, self.scene.height_field_count())
+            }
+            Shape::Soft { soft, .. } => below("soft", soft, softs),
+            _ => Ok(()),
+        }
+    }
 }
 
-fn check_camera(camera: &Camera) -> Result<()> {
-    let ends = [f64::from(camera.near), f64::from(camera.far)];
-    let lens = match camera.lens {
-        Lens::Angle { fovy } => [fovy, 1.0, 1.0, 1.0],
-        Lens::Frustum {
-            bottom,
-            top,
-            left,
-            right,
-        } => [bottom, top, left, right],
-        Lens::Parallel { height } => [height, 1.0, 1.0, 1.0],
-    };
-    let mut numbers = camera
-        .position
-        .iter()
-        .chain(&camera.forward)
-        .chain(&camera.up)
-        .chain(&ends)
-        .chain(&lens);
-    if !numbers.all(|x| x.is_finite()) {
-        return Err(Error::NotFinite {
-            what: "camera",
-            index: 0,
-        });
+/// Refuses softs whose tables do not fit together.
+fn check_soft(soft: &Soft) -> Result<()> {
+    let corners = soft.vertices.len();
+    check_len("normals of a soft", corners, soft.normals.len())?;
+    if !soft.uv.is_empty() {
+        check_len("texture coordinates of a soft", corners, soft.uv.len())?;
     }
-    let is_open = match camera.lens {
-        Lens::Angle { fovy } => fovy > 0.0 && fovy < 180.0,
-        Lens::Frustum {
-            bottom,
-            top,
-            left,
-            right,
-        } => top + bottom > 0.0 && left + right > 0.0,
-        Lens::Parallel { height } => height > 0.0,
-    };
-    if !is_open || camera.near <= 0.0 || camera.far <= camera.near {
-        let got = format!(
-            "{:?}, near {}, far {}",
-            camera.lens, camera.near, camera.far
-        );
-        return Err(Error::Range {
-            what: "camera",
-            expected: "an open lens and 0 < near < far",
-            got,
-        });
+    finite("soft vertex", &soft.vertices)?;
+    finite("soft normal", &soft.normals)?;
+    finite("soft texture coordinate", &soft.uv)?;
+    for &corner in soft.faces.iter().flatten() {
+        below("soft vertex", corner as usize, corners)?;
     }
     Ok(())
-}
-
-/// Gaze towards a light, for headlights; kept here so that every light is placed in one way.
-pub(crate) fn light_at_camera(eye: V3, forward: V3) -> LightPose {
-    LightPose {
-        is_on: true,
-        position: eye,
-        direction: normalize(sub(forward, [0.0; 3])),
-    }
 }

@@ -64,7 +64,7 @@ fn learn(pool: &mut Pool) -> Result<()> {
     let mut envs: Vec<i64> = (0_i64..).take(SHAPE.num_envs()).collect();
     pool.send(&envs, &[], BEGIN, 0, &[])?;
     while pool.stats().episodes < 1000 {
-        if pool.wait(4, SOON) == Waited::Paused {
+        if pool.wait(4, SOON) != Waited::Ready {
             continue; // a place to look after signals and dead workers
         }
         let filled = pool.fill(&mut block)?;

@@ -25,10 +25,12 @@ pub const FAILED: u32 = 1 << 6;
 pub const BLOB: u32 = 1 << 7;
 /// The answer is the result of a [`CALL`]; no step was taken.
 pub const CALLED: u32 = 1 << 8;
+/// An observation was found outside its space, of those that are looked at.
+pub const OUTSIDE: u32 = 1 << 9;
 
 /// The bits of an answer that is not a row of a batch but a notice: somebody has to see to it first.
 pub const NOTICE: u32 = FAILED | CALLED;
 /// The bits of an answer that ends an episode regularly.
 pub const ENDED: u32 = TERMINATED | TRUNCATED;
 /// The bits that a reader has to look at one row after another.
-pub const NOTABLE: u32 = CUT | QUARANTINED | BLOB;
+pub const NOTABLE: u32 = CUT | QUARANTINED | BLOB | OUTSIDE;

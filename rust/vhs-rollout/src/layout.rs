@@ -21,7 +21,7 @@ pub const MAX_WORKERS: usize = 4096;
 /// First word of the mapping: "vhs roll" as bytes, in the machine's order.
 pub(crate) const MAGIC: u64 = 0x6C6C_6F72_2073_6876;
 /// Changed with every change of the layout: both ends of a mapping must be of one build.
-pub(crate) const VERSION: u64 = 2;
+pub(crate) const VERSION: u64 = 3;
 
 const PAGE: usize = 4096;
 
@@ -68,6 +68,8 @@ pub(crate) struct Header {
     pub(crate) shape: [AtomicU64; 5],
     /// Not 0 once the memory has a learner.
     pub(crate) claimed: AtomicU32,
+    /// Not 0 where commands have a limit, so that clocks are needed.
+    pub(crate) has_limit: AtomicU32,
     /// Not 0 once the pool is closing: workers leave.
     pub(crate) closing: Line<AtomicU32>,
     /// Not 0 while the supervisor has news: the learner stops waiting.
@@ -90,6 +92,19 @@ pub(crate) struct Post {
     pub(crate) epoch: Line<AtomicU32>,
     /// When the present step must be done, in ns of the monotonic clock; 0 while nothing runs. Written by the worker.
     pub(crate) deadline_ns: AtomicU64,
+    /// When the worker last had nothing more to do than to take the next command, in ns; written by the worker.
+    pub(crate) done_ns: AtomicU64,
+    /// When the learner last asked, in ns: a worker that never takes the command never starts a clock of its own.
+    pub(crate) asked_ns: AtomicU64,
+}
+
+impl Post {
+    /// Whether a command waits for its answer.
+    pub(crate) fn is_asked(&self) -> bool {
+        // In this order: an answer that comes between the two can only hide a command, for as long as one look.
+        let answers = self.answers.pushed();
+        self.commands.pushed() != answers
+    }
 }
 
 /// Offsets into the mapping, in bytes from its start.

@@ -22,6 +22,8 @@ pub enum Waited {
     Ready,
     /// Time is over, a notice came, or an alarm rang; look after them and after signals, and call again.
     Paused,
+    /// The pool was closed meanwhile, by another thread.
+    Closed,
 }
 
 /// What a death meant for one environment of the dead worker.
@@ -113,9 +115,13 @@ impl Learner {
         let asked = self.mapping.slot(env).ask(command);
         asked.map_err(|found| refused("send", env, State::Held, found))?;
         let worker = self.mapping.layout().worker_of(env);
-        let line = &mut self.workers[worker];
-        let ring = &self.mapping.post(worker).commands;
-        let is_pushed = line.commands.push(ring, index(env));
+        let (line, post) = (&mut self.workers[worker], self.mapping.post(worker));
+        let has_limit = self.mapping.header().has_limit.load(Ordering::Relaxed) != 0;
+        if has_limit && !line.unstruck {
+            // Before the push, whose Release shows it to the supervisor: no command is older than its time.
+            post.asked_ns.store(monotonic_ns(), Ordering::Relaxed);
+        }
+        let is_pushed = line.commands.push(&post.commands, index(env));
         debug_assert!(is_pushed, "at most one command an environment is under way");
         line.unstruck = true;
         Ok(())
@@ -128,6 +134,12 @@ impl Learner {
                 self.mapping.post(worker).bell.strike();
             }
         }
+    }
+
+    /// Whether a death or a notice waits to be seen to.
+    #[must_use]
+    pub fn has_news(&self) -> bool {
+        !self.notices.is_empty() || self.mapping.header().alarmed.0.load(Ordering::Acquire) != 0
     }
 
     /// How many answers lie ready for a batch, after a look at every ring.
@@ -166,6 +178,9 @@ impl Learner {
         loop {
             // The count is read before the rings: an answer that comes between the two makes the sleep end at once.
             let count = bell.count();
+            if mapping.is_closing() {
+                return Waited::Closed;
+            }
             if mapping.header().alarmed.0.load(Ordering::Acquire) != 0 {
                 self.wait = Some(wait);
                 return Waited::Paused;
@@ -272,14 +287,6 @@ impl Learner {
         let deadline_ns = monotonic_ns().saturating_add(nanos(limit));
         let post = self.mapping.post(worker);
         post.deadline_ns.store(deadline_ns, Ordering::Relaxed);
-    }
-
-    /// Tells every worker to leave.
-    pub fn close(&mut self) {
-        self.mapping.header().closing.0.store(1, Ordering::Release);
-        for worker in 0..self.workers.len() {
-            self.mapping.post(worker).bell.alarm();
-        }
     }
 
     fn check(&self, env: usize) -> Result<()> {

@@ -133,6 +133,35 @@ impl Mapping {
         unsafe { &*self.at::<Post>(self.layout.posts).add(worker) }
     }
 
+    /// Whether [`Mapping::close`] was called.
+    #[must_use]
+    pub fn is_closing(&self) -> bool {
+        self.header().closing.0.load(Ordering::Acquire) != 0
+    }
+
+    /// Tells every worker to leave and the learner to wait no longer. Any thread may: nobody's lock is needed.
+    pub fn close(&self) {
+        self.header().closing.0.store(1, Ordering::Release);
+        for worker in 0..self.layout.shape.num_workers {
+            self.post(worker).bell.alarm();
+        }
+        self.header().bell.alarm();
+    }
+
+    /// Gives the memory of payloads and blobs back: they are zeros from then on. Once the workers are gone.
+    pub fn free(&self) {
+        let (start, end) = (self.layout.payloads, self.layout.total);
+        let mode = libc::FALLOC_FL_PUNCH_HOLE | libc::FALLOC_FL_KEEP_SIZE;
+        let (Ok(start), Ok(length)) = (start.try_into(), (end - start).try_into()) else {
+            return;
+        };
+        // SAFETY: the call only concerns the descriptor, which is open; a hole reads as zeros, valid for bytes. A refusal
+        // leaves the memory until the mapping goes, which is no harm.
+        unsafe {
+            libc::fallocate(self.memory.as_raw_fd(), mode, start, length);
+        }
+    }
+
     fn at<T>(&self, offset: usize) -> *const T {
         self.base.as_ptr().wrapping_add(offset).cast()
     }

@@ -1,7 +1,8 @@
 //! The learner's pool: batches out, actions in, and what is known of each environment's episodes.
 //!
 //! Invariants: every command carries the seed of the episode that would begin if the present one ended; an answer that
-//! follows a lost episode says so ([`CUT`]); a refused call has changed nothing.
+//! follows a lost episode says so ([`CUT`]); a refused call has changed nothing; what is under way is counted where it
+//! changes, so that no caller that is interrupted between two calls counts wrongly.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,10 +12,11 @@ use vhs_base::error::{Error, Result};
 use vhs_base::rng::Rng;
 
 use crate::batch::{BatchLayout, Block, Filled, Leaf};
-use crate::flags::{CALLED, CUT, ENDED, FAILED, FIRST, QUARANTINED};
+use crate::flags::{BEGIN, CALLED, CUT, ENDED, FAILED, FIRST, QUARANTINED};
 use crate::learner::{Fate, Learner, Waited};
 use crate::mapping::Mapping;
 use crate::slot::{Answer, Command};
+use crate::worker::index;
 
 /// What the learner knows of one environment.
 #[derive(Clone, Debug, Default)]
@@ -68,6 +70,10 @@ pub struct Pool {
     seed: Option<u64>,
     calls: u64,
     stats: Stats,
+    /// Commands whose answers have not been filled into a block or taken as a notice.
+    under_way: usize,
+    /// What was filled last, and for whom.
+    last: Option<(u64, Filled)>,
 }
 
 impl Pool {
@@ -85,6 +91,8 @@ impl Pool {
             seed,
             calls: 0,
             stats: Stats::default(),
+            under_way: 0,
+            last: None,
         };
         for env in 0..num_envs {
             pool.envs[env].next_seed = pool.seed_by_rule(env);
@@ -132,26 +140,35 @@ impl Pool {
         }
     }
 
-    /// Writes rows into the payloads of held environments and `blob` into the blob of each, gives each the command, and
-    /// wakes their workers.
+    /// Refuses environments that cannot be given a command now.
     ///
     /// # Errors
-    /// [`Error::Label`] for an environment that does not exist, [`Error::Argument`] for one named twice or rows that do
-    /// not fit, [`Error::Protocol`] for an environment that already has a command.
+    /// [`Error::Label`] for one that does not exist, [`Error::Argument`] for one named twice, [`Error::Protocol`] for
+    /// one that already has a command.
+    pub fn check_held(&mut self, envs: &[i64]) -> Result<()> {
+        self.check(envs)?;
+        for &env in envs {
+            self.learner.writable(place(env))?;
+        }
+        Ok(())
+    }
+
+    /// Writes rows into the payloads of held environments and blobs into theirs, gives each the command, and wakes their
+    /// workers. There is a blob for each environment, one for all, or none.
+    ///
+    /// # Errors
+    /// As [`Pool::check_held`]; [`Error::Argument`] or [`Error::Shape`] for rows or blobs that do not fit.
     pub fn send(
         &mut self,
         envs: &[i64],
         rows: &[Rows<'_>],
         code: u32,
         version: i64,
-        blob: &[u8],
+        blobs: &[&[u8]],
     ) -> Result<()> {
-        self.check(envs)?;
+        self.check_held(envs)?;
         self.check_rows(envs.len(), rows)?;
-        let blob_bytes = self.check_blob(blob)?;
-        for &env in envs {
-            self.learner.writable(place(env))?;
-        }
+        self.check_blobs(envs.len(), blobs)?;
         for (row, &env) in envs.iter().enumerate() {
             let payload = self.learner.writable(place(env))?;
             for part in rows {
@@ -163,12 +180,17 @@ impl Pool {
                     std::ptr::copy_nonoverlapping(source.as_ptr(), target, source.len());
                 }
             }
-            // SAFETY: `check_blob` made sure that it fits, and the blob too is the learner's while the slot is held.
+            let blob = match blobs {
+                [] => &[],
+                [one] => *one,
+                each => each[row],
+            };
+            // SAFETY: `check_blobs` made sure that it fits, and the blob too is the learner's while the slot is held.
             unsafe {
                 let target = self.mapping().blob(place(env)).as_ptr();
                 std::ptr::copy_nonoverlapping(blob.as_ptr(), target, blob.len());
             }
-            self.ask(env, code, version, blob_bytes)?;
+            self.ask(env, code, version, index(blob.len()))?;
         }
         self.learner.strike();
         Ok(())
@@ -177,6 +199,53 @@ impl Pool {
     /// Waits until `wanted` answers lie ready, for about `limit`.
     pub fn wait(&mut self, wanted: usize, limit: Duration) -> Waited {
         self.learner.wait(wanted, limit)
+    }
+
+    /// Waits and fills, once a ticket: a caller that did not get to see the result, because a signal came between, calls
+    /// again with the ticket and the block of that call and is told again. Without a number it waits for all that are under
+    /// way. `None` as for [`Waited::Paused`], and at once where so many are not under way.
+    ///
+    /// # Errors
+    /// As [`Pool::fill`].
+    pub fn receive(
+        &mut self,
+        block: &mut [u8],
+        ticket: u64,
+        wanted: Option<usize>,
+        limit: Duration,
+    ) -> Result<Option<Filled>> {
+        if let Some(filled) = self.filled_for(ticket) {
+            return Ok(Some(filled));
+        }
+        let wanted = wanted.unwrap_or(self.under_way);
+        if !(1..=self.under_way).contains(&wanted) {
+            return Ok(None);
+        }
+        if self.wait(wanted, limit) != Waited::Ready {
+            return Ok(None);
+        }
+        let filled = self.fill(block)?;
+        self.last = Some((ticket, filled));
+        Ok(Some(filled))
+    }
+
+    /// What [`Pool::receive`] filled for this ticket.
+    #[must_use]
+    pub fn filled_for(&self, ticket: u64) -> Option<Filled> {
+        let last = self.last.filter(|(whose, _)| *whose == ticket);
+        last.map(|(_, filled)| filled)
+    }
+
+    /// Commands whose answers have not been received; those that were filled for `ticket` have not been either.
+    #[must_use]
+    pub fn under_way(&self, ticket: u64) -> usize {
+        self.under_way + self.filled_for(ticket).map_or(0, |filled| filled.rows)
+    }
+
+    /// Whether a death or a notice waits to be seen to.
+    #[must_use]
+    pub fn has_news(&self) -> bool {
+        self.learner.has_news()
     }
 
     /// Moves the answers that lie ready into a block.
@@ -199,6 +268,7 @@ impl Pool {
             unsafe { block.push(env, &answer, payload.add(observation), payload.add(last)) };
         });
         let filled = block.filled;
+        self.under_way -= filled.rows;
         for env in begun {
             self.envs[env].episodes += 1;
             self.envs[env].next_seed = self.seed_by_rule(env);
@@ -209,6 +279,7 @@ impl Pool {
     /// Takes the notices that lie ready: environments that failed or answered a call.
     pub fn take_notices(&mut self) -> Vec<(usize, Answer)> {
         let notices = self.learner.take_notices();
+        self.under_way -= notices.len();
         for (env, answer) in &notices {
             note(&mut self.envs[*env], &mut self.stats, answer.flags);
         }
@@ -221,11 +292,15 @@ impl Pool {
         self.learner.has_answered(worker)
     }
 
-    /// Prepares a dead worker's environments for its next incarnation and tells which of them must be asked anew.
+    /// Prepares a dead worker's environments for its next incarnation and tells whose command or answer is lost. Those
+    /// are asked to begin an episode where `again` says so, and have no command under way otherwise.
+    ///
+    /// # Errors
+    /// None that [`Pool::send`] does not have; all these environments are held.
     ///
     /// # Safety
     /// The worker is dead, as for [`Learner::reclaim`].
-    pub unsafe fn reclaim(&mut self, worker: usize) -> Vec<i64> {
+    pub unsafe fn reclaim(&mut self, worker: usize, again: bool) -> Result<Vec<i64>> {
         let first = worker * self.mapping().layout().shape.envs_per_worker;
         // SAFETY: the caller knows that the worker is dead.
         let fates = unsafe { self.learner.reclaim(worker, |flags| flags & ENDED != 0) };
@@ -242,7 +317,11 @@ impl Pool {
                 cut.push(i64::try_from(first + local).unwrap_or(i64::MAX));
             }
         }
-        cut
+        self.under_way -= cut.len();
+        if again {
+            self.send(&cut, &[], BEGIN, 0, &[])?;
+        }
+        Ok(cut)
     }
 
     /// Gives a worker that is about to start until `limit` from now to take up its post.
@@ -251,8 +330,8 @@ impl Pool {
     }
 
     /// Tells every worker to leave.
-    pub fn close(&mut self) {
-        self.learner.close();
+    pub fn close(&self) {
+        self.mapping().close();
     }
 
     fn ask(&mut self, env: i64, code: u32, version: i64, blob_bytes: u32) -> Result<()> {
@@ -263,15 +342,17 @@ impl Pool {
             next_seed,
             blob_bytes,
         };
-        self.learner.ask(place(env), &command)
+        self.learner.ask(place(env), &command)?;
+        self.under_way += 1;
+        Ok(())
     }
 
     /// The seed of an environment's next episode: independent for each pair, the same for any number of workers.
     fn seed_by_rule(&self, env: usize) -> Option<u64> {
         let mixed = Rng::new(self.seed?).next_u64() ^ env as u64;
         let mixed = Rng::new(mixed).next_u64() ^ self.envs[env].episodes;
-        // Half the range: a seed that fits every integer type on its way.
-        Some(Rng::new(mixed).next_u64() >> 1)
+        // 31 bits: what the oldest generators that environments use take, and every integer type on the way.
+        Some(Rng::new(mixed).next_u64() >> 33)
     }
 
     fn env_mut(&mut self, env: i64) -> &mut Env {
@@ -305,14 +386,18 @@ impl Pool {
         Ok(())
     }
 
-    fn check_blob(&self, blob: &[u8]) -> Result<u32> {
+    fn check_blobs(&self, count: usize, blobs: &[&[u8]]) -> Result<()> {
+        if blobs.len() > 1 {
+            check_shape("blobs", &[count], &[blobs.len()])?;
+        }
         let limit = self.mapping().layout().shape.blob_bytes;
-        let bytes = u32::try_from(blob.len())
-            .ok()
-            .filter(|_| blob.len() <= limit);
-        bytes.ok_or_else(|| Error::Argument {
+        let largest = blobs.iter().map(|blob| blob.len()).max().unwrap_or(0);
+        if largest <= limit && u32::try_from(largest).is_ok() {
+            return Ok(());
+        }
+        Err(Error::Argument {
             field: "info_bytes",
-            expected: format!("at least the {} bytes that a command needs", blob.len()),
+            expected: format!("at least the {largest} bytes that a command needs"),
             got: limit.to_string(),
         })
     }

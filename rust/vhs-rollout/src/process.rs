@@ -2,21 +2,54 @@
 
 use std::io;
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd, RawFd};
+use std::path::PathBuf;
+use std::sync::Once;
 use std::time::Duration;
 
+use vhs_base::error::{Error, Result};
+
 use crate::mapping::checked;
+use crate::sync::{AtomicU32, Ordering};
 
 /// A descriptor of a process, readable once it has ended.
 ///
 /// # Errors
-/// When no process has this number or the system refuses a descriptor.
-pub fn open_process(pid: i32) -> io::Result<OwnedFd> {
-    // SAFETY: the call takes plain numbers and gives a new descriptor, ours alone.
-    unsafe {
-        let number = libc::syscall(libc::SYS_pidfd_open, pid, 0);
-        let number = checked(libc::c_int::try_from(number).unwrap_or(-1))?;
-        Ok(OwnedFd::from_raw_fd(number))
+/// [`Error::Io`] when no process has this number or the system refuses a descriptor.
+pub fn open_process(pid: i32) -> Result<OwnedFd> {
+    // SAFETY: the call takes plain numbers.
+    let number = unsafe { libc::syscall(libc::SYS_pidfd_open, pid, 0) };
+    let number = checked(libc::c_int::try_from(number).unwrap_or(-1));
+    let number = number.map_err(|error| refused("open", pid, error))?;
+    // SAFETY: the descriptor is new, ours alone.
+    Ok(unsafe { OwnedFd::from_raw_fd(number) })
+}
+
+fn refused(call: &'static str, pid: i32, source: io::Error) -> Error {
+    let needs = "Linux 5.3 or newer, where no sandbox forbids pidfd_open";
+    Error::Io {
+        path: PathBuf::from(format!("pidfd of process {pid} ({needs})")),
+        call,
+        source,
     }
+}
+
+/// How many forks lie between this process and the one that asked first: another number in every fork, for the price of
+/// a load where a process's number costs a system call. What is owned by one process remembers it.
+#[must_use]
+pub fn forks() -> u32 {
+    static FORKS: AtomicU32 = AtomicU32::new(0);
+    static ASKED: Once = Once::new();
+    extern "C" fn count() {
+        FORKS.fetch_add(1, Ordering::Relaxed);
+    }
+    ASKED.call_once(|| {
+        // SAFETY: the handler stays loaded as long as the process; it runs in a child, where it may do nothing but what a
+        // signal handler may, such as to add to an atomic. A refusal, for want of memory, would only cost the warning.
+        unsafe {
+            libc::pthread_atfork(None, None, Some(count));
+        }
+    });
+    FORKS.load(Ordering::Relaxed)
 }
 
 /// Sends a signal; a process that has ended meanwhile needs none.
@@ -62,7 +95,7 @@ pub(crate) struct Pin {
 }
 
 impl Pin {
-    /// Ties the thread to core `cpu`; `None` where it may not run there.
+    /// A tie to core `cpu`, still loose; `None` where the thread may not run there.
     pub(crate) fn new(cpu: usize) -> Option<Self> {
         // SAFETY: a set of cores is an array of bits, so zeros are one; the calls stay within its size, and `CPU_SET`
         // panics for a number beyond it.
@@ -75,13 +108,11 @@ impl Pin {
             }
             let mut home: libc::cpu_set_t = std::mem::zeroed();
             libc::CPU_SET(cpu, &mut home);
-            let mut pin = Self {
+            Some(Self {
                 home,
                 everywhere,
                 is_home: false,
-            };
-            pin.set(true);
-            Some(pin)
+            })
         }
     }
 
@@ -109,29 +140,28 @@ impl Pin {
 /// ask for it only where that thread lives as long as its process.
 ///
 /// # Errors
-/// When `parent` has ended already or the system refuses.
-pub fn end_with(parent: i32, by_signal: bool) -> io::Result<()> {
+/// [`Error::Io`] when `parent` has ended already or the system refuses.
+pub fn end_with(parent: i32, by_signal: bool) -> Result<()> {
     let process = open_process(parent)?;
     if by_signal {
         // SAFETY: plain numbers.
-        unsafe {
-            checked(libc::prctl(
-                libc::PR_SET_PDEATHSIG,
-                libc::SIGKILL as libc::c_ulong,
-            ))?;
-        }
+        let asked = unsafe { libc::prctl(libc::PR_SET_PDEATHSIG, libc::SIGKILL as libc::c_ulong) };
+        checked(asked).map_err(|error| refused("end with", parent, error))?;
     }
     // Checked after both, so that a parent that ended between is not missed.
     // SAFETY: the call cannot fail.
     if unsafe { libc::getppid() } != parent {
-        return Err(io::Error::from_raw_os_error(libc::ESRCH));
+        let gone = io::Error::from_raw_os_error(libc::ESRCH);
+        return Err(refused("end with", parent, gone));
     }
-    std::thread::Builder::new()
+    let watcher = std::thread::Builder::new()
         .name("vhs-rollout-parent".into())
         .spawn(move || {
             while !poll_readable(&[process.as_raw_fd()], Duration::MAX)[0] {}
             // SAFETY: ends this process at once, without destructors: nobody is left to use what they would save.
             unsafe { libc::_exit(1) };
-        })
+        });
+    watcher
         .map(drop)
+        .map_err(|error| refused("wait for", parent, error))
 }

@@ -62,6 +62,13 @@ impl<const N: usize> Ring<N> {
         (Producer::default(), Consumer::default())
     }
 
+    /// Indices ever pushed since the ring was last empty and new, wrapping.
+    #[must_use]
+    pub fn pushed(&self) -> u32 {
+        // Acquire: what the producer wrote before the push is seen with it.
+        self.tail.0.load(Ordering::Acquire)
+    }
+
     fn item(&self, counter: u32) -> &AtomicU32 {
         &self.items[(counter & (Self::SIZE - 1)) as usize]
     }

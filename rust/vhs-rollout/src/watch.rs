@@ -7,11 +7,15 @@
 
 use std::io;
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use vhs_base::error::{Error, Result};
+
 use crate::clock::monotonic_ns;
+use crate::layout::Post;
 use crate::mapping::{Mapping, checked};
 use crate::process::{open_process, poll_readable, signal_process};
 use crate::sync::Ordering;
@@ -71,19 +75,22 @@ impl Watch {
     /// Starts to listen, to nobody yet.
     ///
     /// # Errors
-    /// When the system refuses a descriptor or a thread.
-    pub fn start(
-        mapping: Arc<Mapping>,
-        limit: Option<Duration>,
-        dump_signal: i32,
-    ) -> io::Result<Self> {
+    /// [`Error::Io`] when the system refuses a descriptor or a thread, and where it could not listen to anybody.
+    pub fn start(mapping: Arc<Mapping>, limit: Option<Duration>, dump_signal: i32) -> Result<Self> {
+        // Before there is a process that would have to be ended again.
+        drop(open_process(std::process::id().cast_signed())?);
         let ledger = Arc::new(Mutex::new(Ledger::default()));
         // SAFETY: a new descriptor, ours alone.
         let nudge = unsafe {
             let flags = libc::EFD_CLOEXEC | libc::EFD_NONBLOCK;
-            OwnedFd::from_raw_fd(checked(libc::eventfd(0, flags))?)
+            OwnedFd::from_raw_fd(checked(libc::eventfd(0, flags)).map_err(refused)?)
         };
         let nudge = Arc::new(nudge);
+        let has_limit = u32::from(limit.is_some());
+        mapping
+            .header()
+            .has_limit
+            .store(has_limit, Ordering::Relaxed);
         let listener = Listener {
             ledger: Arc::clone(&ledger),
             nudge: Arc::clone(&nudge),
@@ -93,7 +100,8 @@ impl Watch {
         };
         let thread = std::thread::Builder::new()
             .name("vhs-rollout-watch".into())
-            .spawn(move || listener.listen())?;
+            .spawn(move || listener.listen())
+            .map_err(refused)?;
         Ok(Self {
             ledger,
             nudge,
@@ -106,15 +114,15 @@ impl Watch {
     /// Listens to the process that now is this worker; its parent must not have reaped it.
     ///
     /// # Errors
-    /// When no such process exists or the system refuses a descriptor.
-    pub fn add(&self, worker: usize, pid: i32) -> io::Result<()> {
+    /// [`Error::Io`] when no such process exists or the system refuses a descriptor.
+    pub fn add(&self, worker: usize, pid: i32) -> Result<()> {
         let process = open_process(pid)?;
         self.locked().watched.push(Watched {
             worker,
             process,
             kill_at_ns: None,
         });
-        self.nudge()
+        self.nudge().map_err(refused)
     }
 
     /// The deaths since the last call.
@@ -212,11 +220,25 @@ impl Listener {
             }
             return;
         }
-        let deadline_ns = post.deadline_ns.load(Ordering::Relaxed);
-        if deadline_ns != 0 && now_ns > deadline_ns {
+        if self.is_overdue(post, now_ns) {
             signal_process(&one.process, self.dump_signal);
             one.kill_at_ns = Some(now_ns + nanos(LAST_WORDS));
         }
+    }
+
+    /// Whether a worker's command, or its start, takes longer than allowed, or a command is not even taken.
+    fn is_overdue(&self, post: &Post, now_ns: u64) -> bool {
+        // Acquire: with a zero comes since when the worker rests.
+        let deadline_ns = post.deadline_ns.load(Ordering::Acquire);
+        if deadline_ns != 0 {
+            return now_ns > deadline_ns;
+        }
+        let Some(limit) = self.limit.filter(|_| post.is_asked()) else {
+            return false;
+        };
+        let done_ns = post.done_ns.load(Ordering::Relaxed);
+        let since_ns = done_ns.max(post.asked_ns.load(Ordering::Relaxed));
+        now_ns > since_ns.saturating_add(nanos(limit))
     }
 
     fn drain(&self) {
@@ -225,6 +247,14 @@ impl Listener {
         unsafe {
             libc::read(self.nudge.as_raw_fd(), (&raw mut count).cast(), 8);
         }
+    }
+}
+
+fn refused(source: io::Error) -> Error {
+    Error::Io {
+        path: PathBuf::from("the thread that hears of dead workers"),
+        call: "start or wake",
+        source,
     }
 }
 

@@ -6,6 +6,7 @@ use std::time::Duration;
 use vhs_base::error::{Error, Result};
 
 use crate::clock::monotonic_ns;
+use crate::layout::Post;
 use crate::mapping::Mapping;
 use crate::process::Pin;
 use crate::ring::{Consumer, Producer};
@@ -38,7 +39,12 @@ pub struct Worker {
     limit: Option<Duration>,
     /// A core of its own, as long as no foreign process crowds it.
     pin: Option<Pin>,
+    /// Waits since something may have started that would inherit the tie.
+    untied_waits: u32,
 }
+
+/// Waits before a worker is tied to its core: environments start their threads and programs in their first steps.
+const WARM_UP: u32 = 100;
 
 impl Worker {
     /// Takes up the post that the supervisor prepared.
@@ -56,7 +62,7 @@ impl Worker {
         }
         let post = mapping.post(worker);
         let epoch = Epoch::new(post.epoch.0.load(Ordering::Acquire));
-        post.deadline_ns.store(0, Ordering::Relaxed);
+        rest(post, limit.is_some());
         Ok(Self {
             first_env: worker * shape.envs_per_worker,
             mapping,
@@ -67,12 +73,21 @@ impl Worker {
             waiter: Waiter::default(),
             limit,
             pin: None,
+            untied_waits: 0,
         })
     }
 
-    /// Ties this thread to a core, except while a foreign process keeps that core busy.
+    /// Ties this thread to a core before long, except while a foreign process keeps that core busy.
     pub fn pin(&mut self, cpu: usize) {
         self.pin = Pin::new(cpu);
+    }
+
+    /// Lets this thread run anywhere for a while: what it starts now inherits where it may run.
+    pub fn untie(&mut self) {
+        self.untied_waits = 0;
+        if let Some(pin) = &mut self.pin {
+            pin.set(false);
+        }
     }
 
     /// This worker's incarnation.
@@ -87,16 +102,17 @@ impl Worker {
             return task;
         }
         let mapping = Arc::clone(&self.mapping);
-        let (header, post) = (mapping.header(), mapping.post(self.number));
+        let post = mapping.post(self.number);
         let mut wait = self.waiter.begin();
         if let Some(pin) = &mut self.pin {
-            pin.set(!self.waiter.is_crowded());
+            self.untied_waits = self.untied_waits.saturating_add(1);
+            pin.set(self.untied_waits > WARM_UP && !self.waiter.is_crowded());
         }
         let until_ns = monotonic_ns().saturating_add(nanos(limit));
         loop {
             // The count is read before the rings: a command that comes between the two makes the sleep end at once.
             let count = post.bell.count();
-            if header.closing.0.load(Ordering::Acquire) != 0 {
+            if mapping.is_closing() {
                 return Task::Leave;
             }
             if let Some(task) = self.poll() {
@@ -128,7 +144,7 @@ impl Worker {
         let post = mapping.post(self.number);
         let done = mapping.slot(env).commit(self.epoch, answer);
         done.map_err(|found| refused("commit", env, State::Stepping, found))?;
-        post.deadline_ns.store(0, Ordering::Relaxed);
+        rest(post, self.limit.is_some());
         let is_pushed = self.answers.push(&post.answers, index(env));
         debug_assert!(is_pushed, "at most one answer an environment is under way");
         mapping.header().bell.strike();
@@ -176,6 +192,15 @@ impl Worker {
         env.checked_sub(self.first_env)
             .filter(|&local| local < limit)
     }
+}
+
+/// The worker is done with what it did: its clock stops, and the one of the command that it is to take next starts.
+fn rest(post: &Post, has_limit: bool) {
+    if has_limit {
+        post.done_ns.store(monotonic_ns(), Ordering::Relaxed);
+    }
+    // Release: who sees the zero sees since when.
+    post.deadline_ns.store(0, Ordering::Release);
 }
 
 pub(crate) fn refused(call: &'static str, env: usize, expected: State, found: State) -> Error {

@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use vhs_base::error::Error;
 use vhs_rollout::batch::Leaf;
-use vhs_rollout::flags::{BEGIN, CUT, FIRST, STEP};
+use vhs_rollout::flags::{BEGIN, CALL, CUT, FIRST, STEP};
 use vhs_rollout::layout::{Layout, MAX_ENVS_PER_WORKER, Shape};
 use vhs_rollout::mapping::Mapping;
 use vhs_rollout::pool::{Pool, Rows, Stats};
@@ -143,7 +143,9 @@ fn a_refused_send_changes_nothing() {
             .unwrap_err(),
         pool.send(&[0, 1], &[rows(&action[..4])], STEP, 0, &[])
             .unwrap_err(),
-        pool.send(&[0], &[], BEGIN, 0, &[0; 11]).unwrap_err(),
+        pool.send(&[0], &[], BEGIN, 0, &[&[0; 11]]).unwrap_err(),
+        pool.send(&[0], &[], BEGIN, 0, &[&[0], &[1]]).unwrap_err(),
+        pool.check_held(&[0, 2]).unwrap_err(),
     ];
     let kinds = refused.map(|error| match error {
         Error::Label { .. } => 'l',
@@ -151,7 +153,8 @@ fn a_refused_send_changes_nothing() {
         Error::Shape { .. } => 's',
         _ => '?',
     });
-    assert_eq!(kinds, ['l', 'a', 's', 'a']);
+    assert_eq!(kinds, ['l', 'a', 's', 'a', 's', 'l']);
+    assert_eq!(pool.under_way(0), 0);
     pool.send(&[0, 1], &[rows(&action)], STEP, 0, &[]).unwrap();
     let again = pool.send(&[1], &[rows(&action[..4])], STEP, 0, &[]);
     assert!(matches!(again, Err(Error::Protocol { stream: 1, .. })));
@@ -205,6 +208,7 @@ fn seeds_follow_from_environment_and_episode_alone() {
             assert_eq!(seeds, [a, b, c]);
         }
     }
+    assert!(seeds.iter().all(|&seed| seed < 1 << 31));
     assert!(seeds[0] != seeds[1] && seeds[0] != seeds[2] && seeds[1] != seeds[2]);
 }
 
@@ -220,9 +224,10 @@ fn a_cut_episode_is_counted_once_and_told_with_the_next_first_observation() {
     pool.send(&[1], &[], STEP, 0, &[]).unwrap();
     // Environment 0 is held, 1 has a command: both lose their episodes, the command must be given again.
     // SAFETY: the worker is replaced before it does anything more.
-    assert_eq!(unsafe { pool.reclaim(0) }, [1]);
+    assert_eq!(unsafe { pool.reclaim(0, true) }.unwrap(), [1]);
     let mut worker = Worker::new(Arc::clone(pool.mapping()), 0, None).unwrap();
-    pool.send(&[0, 1], &[], BEGIN, 0, &[]).unwrap();
+    assert_eq!(pool.under_way(0), 1);
+    pool.send(&[0], &[], BEGIN, 0, &[]).unwrap();
     answer(&mut worker, FIRST);
     pool.wait(2, Duration::ZERO);
     let filled = pool.fill(&mut block).unwrap();
@@ -235,4 +240,57 @@ fn a_cut_episode_is_counted_once_and_told_with_the_next_first_observation() {
         ..Stats::default()
     };
     assert_eq!(pool.stats(), expected);
+}
+
+#[test]
+fn what_a_dead_worker_owed_is_under_way_no_more_unless_it_is_asked_again() {
+    let mut pool = pool(None);
+    pool.send(&[0, 1], &[], CALL, 0, &[&[1], &[2]]).unwrap();
+    assert_eq!(pool.under_way(0), 2);
+    // SAFETY: nobody is this worker.
+    assert_eq!(unsafe { pool.reclaim(0, false) }.unwrap(), [0, 1]);
+    assert_eq!(pool.under_way(0), 0);
+}
+
+#[test]
+fn each_environment_gets_its_own_blob_or_all_the_same() {
+    for (blobs, expected) in [
+        (&[&[1_u8, 2][..], &[3]][..], [2, 1]),
+        (&[&[4, 5, 6]], [3, 3]),
+        (&[], [0, 0]),
+    ] {
+        let mut pool = pool(None);
+        pool.send(&[0, 1], &[], BEGIN, 0, blobs).unwrap();
+        let mut worker = Worker::new(Arc::clone(pool.mapping()), 0, None).unwrap();
+        for (env, bytes) in expected.into_iter().enumerate() {
+            let Task::Command(local, command) = worker.next(Duration::ZERO) else {
+                panic!("expected a command");
+            };
+            assert_eq!((local, command.blob_bytes), (env, bytes));
+            // SAFETY: the worker has claimed the slot, and the blob has room for so many bytes.
+            let found = unsafe { pool.mapping().blob(env).cast::<u8>().as_ref() };
+            let first = blobs.get(env).or_else(|| blobs.first());
+            assert!(first.is_none_or(|blob| blob[0] == *found));
+        }
+    }
+}
+
+#[test]
+fn a_batch_is_told_again_until_the_next_ticket() {
+    let mut pool = pool(None);
+    let mut block = vec![0; pool.batch().total];
+    let mut worker = Worker::new(Arc::clone(pool.mapping()), 0, None).unwrap();
+    pool.send(&[0, 1], &[], BEGIN, 0, &[]).unwrap();
+    answer(&mut worker, FIRST);
+    let filled = pool
+        .receive(&mut block, 7, Some(2), Duration::ZERO)
+        .unwrap();
+    assert_eq!(filled.map(|filled| filled.rows), Some(2));
+    assert_eq!((pool.under_way(7), pool.under_way(8)), (2, 0));
+    let kept = block.clone();
+    let now = Duration::ZERO;
+    assert_eq!(pool.receive(&mut block, 7, None, now).unwrap(), filled);
+    assert_eq!(block, kept);
+    assert_eq!(pool.receive(&mut block, 8, None, now).unwrap(), None);
+    assert_eq!(pool.receive(&mut block, 8, Some(1), now).unwrap(), None);
 }

@@ -186,7 +186,7 @@ impl Pool {
 
 impl Drop for Pool {
     fn drop(&mut self) {
-        self.learner.close();
+        self.learner.mapping().close();
         for child in &mut self.children {
             // A worker that does not leave is a failed test already; here it must only not stay behind.
             let _ = child.kill();
@@ -247,7 +247,7 @@ fn killed_processes_are_replaced_and_nothing_is_torn_or_doubled() {
 fn a_pool_that_closes_is_left_by_its_processes() {
     let mut pool = Pool::start();
     while pool.step() == 0 {}
-    pool.learner.close();
+    pool.learner.mapping().close();
     for child in &mut pool.children {
         assert!(child.wait().unwrap().success());
     }

@@ -118,7 +118,7 @@ fn stress(num_workers: usize, envs_per_worker: usize, wanted: usize, steps: u64)
             scope.spawn(move || work(mapping, number));
         }
         learn(&mut learner, steps, wanted);
-        learner.close();
+        learner.mapping().close();
     });
 }
 
@@ -140,13 +140,13 @@ fn a_pair_that_passes_one_environment_to_and_fro_never_stalls() {
 #[test]
 fn a_waiting_worker_leaves_when_the_pool_closes() {
     let mapping = Arc::new(Mapping::create(shape(1, 1)).unwrap());
-    let mut learner = Learner::new(Arc::clone(&mapping)).unwrap();
+    let learner = Learner::new(Arc::clone(&mapping)).unwrap();
     let theirs = Arc::clone(&mapping);
     let worker = thread::spawn(move || {
         let mut worker = Worker::new(theirs, 0, None).unwrap();
         worker.next(Duration::from_secs(30))
     });
     thread::sleep(SOON);
-    learner.close();
+    learner.mapping().close();
     assert_eq!(worker.join().unwrap(), Task::Leave);
 }

@@ -3,6 +3,7 @@
 mod support;
 
 mod draws;
+mod egomotion;
 mod episodes;
 mod errors;
 

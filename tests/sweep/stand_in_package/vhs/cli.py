@@ -4,6 +4,7 @@
 `STAND_IN_DIES` one of a run that is killed.
 """
 
+import itertools
 import json
 import os
 import signal
@@ -30,8 +31,28 @@ def stop(number: int, frame: object) -> None:
     sys.exit(130)
 
 
+def configure(settings: dict[str, str]) -> None:
+    """Write `config.yaml`, JSON being YAML; a value that is no JSON is a text."""
+    config: dict[str, object] = {}
+    for key, text in settings.items():
+        *sections, leaf = key.split(".")
+        place = config
+        for section in sections:
+            place = place.setdefault(section, {})
+        try:
+            place[leaf] = json.loads(text)
+        except ValueError:
+            place[leaf] = text.strip("[]").split(", ") if text.startswith("[") else text
+    RUN.mkdir(parents=True, exist_ok=True)
+    (RUN / "config.yaml").write_text(json.dumps(config))
+    (RUN / "run.json").write_text("{}")
+
+
 def train() -> None:
     signal.signal(signal.SIGTERM, stop)
+    given = [value for flag, value in itertools.pairwise(sys.argv) if flag == "--set"]
+    settings = dict(value.split("=", 1) for value in given)
+    configure(settings)
     note("train", cores=sorted(os.sched_getaffinity(0)), omp=os.environ["OMP_NUM_THREADS"])
     if os.environ.get("STAND_IN_FAILS", "nothing") in RUN.name:
         print("training\nvhs: the roof fell in\n")
@@ -41,7 +62,6 @@ def train() -> None:
         print("12.3 min  500 episodes", flush=True)
         os.kill(os.getpid(), signal.SIGKILL)
     time.sleep(float(os.environ["STAND_IN_S"]))
-    settings = dict(value.split("=", 1) for value in sys.argv if "=" in value)
     save(int(settings["train.episodes"]))
     note("end")
 

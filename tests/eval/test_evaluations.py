@@ -1,6 +1,8 @@
 """`eval.json`: one entry for each way of evaluating, replaced by the same again, never half-written."""
 
 import json
+import multiprocessing
+from multiprocessing.synchronize import Barrier
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +37,24 @@ def test_another_way_of_evaluating_is_another_entry(change: dict[str, Any], tmp_
     assert [path.name for path in tmp_path.iterdir()] == ["eval.json"]
 
 
+def record(run: Path, seed: int, gate: Barrier) -> None:
+    gate.wait()
+    record_evaluation(run, evaluation(seed=seed))
+
+
+def test_evaluations_that_end_together_are_all_kept(tmp_path: Path) -> None:
+    context = multiprocessing.get_context("fork")
+    for turn in range(10):
+        run, gate = tmp_path / str(turn), context.Barrier(4)
+        run.mkdir()
+        writers = [context.Process(target=record, args=(run, seed, gate)) for seed in range(4)]
+        for writer in writers:
+            writer.start()
+        for writer in writers:
+            writer.join()
+        assert [entry["seed"] for entry in read_evaluations(run)] == [0, 1, 2, 3]
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -43,6 +63,7 @@ def test_another_way_of_evaluating_is_another_entry(change: dict[str, Any], tmp_
         ('[{"success": 0.5}]', "expected a list of evaluations"),
         (json.dumps([evaluation() | {"success": "much"}]), "expected a list of evaluations"),
         (json.dumps([evaluation() | {"greedy": 0}]), "expected a list of evaluations"),
+        ("[" * 100_000, "expected JSON"),
     ],
 )
 def test_a_damaged_file_is_named_and_kept(content: str, message: str, tmp_path: Path) -> None:
@@ -65,7 +86,7 @@ def test_a_directory_that_cannot_be_written_is_a_clear_error(tmp_path: Path) -> 
 def test_the_command_records_what_it_prints(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("vhs.eval.evaluate", lambda run, **asked: Evaluation(**evaluation(**asked)))
+    monkeypatch.setattr("vhs.eval.evaluate", lambda run, task, **asked: Evaluation(**evaluation(**asked)))
     assert main(["eval", str(tmp_path), "--episodes", "7", "--seed", "3", "--greedy", "--json"]) == 0
     assert read_evaluations(tmp_path) == [evaluation(episodes=7, seed=3, greedy=True)]
     assert json.loads(capsys.readouterr().out) == evaluation(episodes=7, seed=3, greedy=True)
@@ -77,7 +98,7 @@ def test_the_command_still_prints_where_it_cannot_write(
     def refuse(path: Path, *_: Any, **__: Any) -> None:
         raise PermissionError(13, "Permission denied", str(path))
 
-    monkeypatch.setattr("vhs.eval.evaluate", lambda run, **asked: Evaluation(**evaluation(**asked)))
+    monkeypatch.setattr("vhs.eval.evaluate", lambda run, task, **asked: Evaluation(**evaluation(**asked)))
     monkeypatch.setattr(Path, "write_bytes", refuse)
     assert main(["eval", str(tmp_path)]) == 0
     told = capsys.readouterr()

@@ -1,0 +1,61 @@
+"""What a task is found to be by trying it: sizes, and one episode at random, before anything is trained.
+
+Where workers step the environments it is tried in a process of its own: an environment in the learner's would
+leave its OpenGL context, threads and locks to every worker.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
+from multiprocessing import get_context
+
+from vhs.acting.environment import TaskEnv
+from vhs.errors import ConfigError
+from vhs.task import Task, TaskSpec
+
+
+def try_task(task: Task) -> TaskSpec:
+    """Sizes and types of a task, of which one episode has been played at random in this process.
+
+    Raises:
+        ArgumentError: a field of the task does not fit its environment; it is named.
+    """
+    spec = task.spec()
+    with closing(TaskEnv(task.new_env(), task, spec)) as env:
+        env.action_space.seed(0)
+        env.reset(seed=0)
+        is_over = False
+        while not is_over:
+            _, _, terminated, truncated, _ = env.step(env.action_space.sample())
+            is_over = terminated or truncated
+    return spec
+
+
+def try_task_apart(task: Task) -> TaskSpec:
+    """As `try_task`, in a process of its own, which is forked: a task may hold what cannot be pickled.
+
+    Raises:
+        ConfigError: the process died.
+    """
+    # The arguments of an initialiser are inherited, those of a call are pickled.
+    with ProcessPoolExecutor(1, get_context("fork"), _remember, (lambda: try_task(task),)) as process:
+        try:
+            return process.submit(_call).result()
+        except BrokenProcessPool as error:
+            raise ConfigError(
+                f"task {task.name}: expected an episode, found its process dead (a fault in native code?)"
+            ) from error
+
+
+_remembered: list[Callable[[], TaskSpec]] = []
+
+
+def _remember(function: Callable[[], TaskSpec]) -> None:
+    _remembered.append(function)
+
+
+def _call() -> TaskSpec:
+    return _remembered[-1]()

@@ -1,0 +1,50 @@
+"""Hindsight localisation: where what was reached had been all the time, learned from afterwards."""
+
+from __future__ import annotations
+
+from torch import Tensor
+from torch.nn.functional import binary_cross_entropy_with_logits
+
+from vhs.losses.shapes import check_shape
+
+
+def localisation_loss(
+    logits: Tensor,
+    labels: Tensor,
+    bearings_rad: Tensor,
+    valid: Tensor,
+    steps: Tensor,
+    in_view_rad: float,
+    out_of_view_rad: float,
+) -> Tensor:
+    """Tell whether what an episode reached in the end is in view at each of its steps.
+
+    Between the two angles neither answer is right: a thing at the edge of the picture is cut, and dead
+    reckoning is off by a few degrees. Of the other classes nothing is known, so nothing is said.
+
+    Args:
+        logits: log-odds that each class is in view, shape [B, T, C].
+        labels: class that each episode reached, int64, shape [B].
+        bearings_rad: where it lay, 0 straight ahead, shape [B, T].
+        valid: 1 inside the episode, 0 after its end, shape [B, T].
+        steps: number of steps to divide by, shape []. Those of *all* episodes of the update let a step weigh
+            as much as one of the RL loss, however few episodes reached something.
+        in_view_rad: bearings of less, to either side, are in view.
+        out_of_view_rad: bearings of more are not.
+
+    Returns:
+        Binary cross-entropy in nats, summed over the steps that have an answer and divided by `steps`,
+        shape [].
+
+    Raises:
+        ShapeError: the tensors do not fit together.
+    """
+    check_shape("B T C", logits=logits)
+    check_shape("B T", logits=logits[..., 0], bearings_rad=bearings_rad, valid=valid)
+    check_shape("B", bearings_rad=bearings_rad[:, 0], labels=labels)
+    own = logits.gather(-1, labels.view(-1, 1, 1).expand(-1, logits.shape[1], 1)).squeeze(-1)
+    aside = bearings_rad.abs()
+    is_seen = aside < in_view_rad
+    counted = valid * (is_seen | (aside > out_of_view_rad))
+    surprise = binary_cross_entropy_with_logits(own, is_seen.to(own.dtype), reduction="none")
+    return (surprise * counted).sum() / steps.clamp(min=1)

@@ -1,0 +1,133 @@
+"""What a task is found to be by trying it; what does not fit is said by the field that it stands in."""
+
+import os
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from toy import Toy, toy_config, toy_task
+
+from vhs import ArgumentError, Outcome, OutcomeReward, Seen, Task
+from vhs.acting.environment import TaskEnv
+from vhs.acting.setup import learn_spec
+from vhs.acting.trial import try_task, try_task_apart
+from vhs.errors import ConfigError
+
+
+def read(observation: dict[str, Any]) -> Seen:
+    return Seen(observation["image"], int(observation["goal"]), int(observation["interaction"]))
+
+
+def read_late(observation: dict[str, Any], change: Any, _met: list[int]) -> Seen:
+    """As `read` for the first three observations; then something about it is another."""
+    _met.append(1)
+    seen = read(observation)
+    return seen if len(_met) <= 3 else replace(seen, **change(seen))
+
+
+def late(change: Any) -> Any:
+    return partial(read_late, change=change, _met=[])
+
+
+class Endless(Toy):
+    def step(self, action: Any) -> Any:
+        observation, reward, *_ = super().step(action)
+        return observation, reward, False, False, {}
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"make": "NoSuchEnvironment-v0"}, "`make`: expected an answer, got NameNotFound"),
+        ({"make": lambda: 1 / 0}, r"`make`: .*ZeroDivisionError: .* \(test_trial.py, line \d+\)"),
+        ({"read": lambda seen: seen["picture"]}, "`read`: .*KeyError: 'picture'"),
+        ({"read": late(lambda seen: {"frame": seen.frame[1:]})}, r"`read`: .*uint8 \[16, 16, 3\] .*\[15, 16"),
+        ({"read": late(lambda seen: {"frame": seen.frame / 255})}, r"`read`: expected frames uint8.*float64"),
+        ({"read": late(lambda _: {"label": 3})}, r"`goals`: expected a number in 0\.\.2, got 3"),
+        ({"read": late(lambda _: {"interaction": 2})}, r"`interactions`: expected a number in 0\.\.1, got 2"),
+        ({"judge": lambda *_: "success"}, "`judge`: expected an Outcome, got 'success'"),
+        ({"judge": lambda *last: last[3]["won"]}, "`judge`: .*KeyError: 'won'"),
+        ({"reached": lambda info: info["reached"]}, "`reached`: .*KeyError: 'reached'"),
+        ({"reached": lambda info: 7}, r"`reached`: expected a number in -1\.\.2, got 7"),
+        ({"metrics": ("distance",)}, "`metrics`: expected distance in the last info, got outcome"),
+        ({"keys": {"x": 9}}, "`keys`: expected actions below 5, got 9"),
+        ({"moves": {5: None}}, "`moves`: expected one of 5 numbered actions, got 5"),
+    ],
+)
+def test_a_field_that_does_not_fit_is_named_before_anything_is_trained(
+    fields: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ArgumentError, match=message):
+        try_task(replace(toy_task(), **({"read": read} | fields)))
+
+
+def test_an_episode_ends_with_the_longest_of_its_task() -> None:
+    task = replace(toy_task(), make=Endless)
+    env = TaskEnv(task.new_env(), task, try_task(task))
+    env.reset(seed=0)
+    ends = [any(env.step(0)[2:4]) for _ in range(6)]
+    assert ends == [False] * 5 + [True]
+    env.reset(seed=0)
+    assert not any(env.step(0)[2:4]), "steps count from the reset"
+
+
+def test_a_reward_of_the_tasks_own_follows_the_outcome() -> None:
+    task = replace(toy_task(), reward=OutcomeReward(success=2.0, failure=-3.0, timeout=-0.5, step=-0.25))
+    spec = task.spec()
+    assert spec.success_reward == 1.75
+    env = TaskEnv(task.new_env(), task, spec)
+    rewards = {}
+    for seed in range(12):
+        env.reset(seed=seed)
+        toy, is_over = env.unwrapped, False
+        while not is_over:
+            to_the_centre = 1 if toy.offset < 0 else 2 if toy.offset > 0 else 3 + seed % 2
+            _, reward, terminated, truncated, info = env.step(to_the_centre if seed else 0)
+            is_over = terminated or truncated
+            assert is_over or reward == -0.25
+        rewards[info["outcome"]] = reward
+    assert rewards == {Outcome.SUCCESS: 1.75, Outcome.FAILURE: -3.25, Outcome.TIMEOUT: -0.75}
+
+
+def test_a_judge_without_an_answer_leaves_it_to_the_default() -> None:
+    task = replace(toy_task(), judge=lambda *_: None)
+    assert try_task(task) == toy_task().spec()
+
+
+def test_an_environment_is_made_in_no_process_that_learns() -> None:
+    learner = os.getpid()
+
+    def make() -> gymnasium.Env[Any, Any]:
+        assert os.getpid() != learner, "made in the learner's process"
+        return Toy()
+
+    task = replace(toy_task(), make=make)
+    assert learn_spec(toy_config("vhs", "env.num_workers=1"), task) == toy_task().spec()
+    with pytest.raises(ArgumentError, match="made in the learner's process"):
+        learn_spec(toy_config("vhs", "env.num_workers=0"), task)
+
+
+def test_a_process_that_dies_is_told() -> None:
+    class Fatal(Toy):
+        def reset(self, **_: Any) -> Any:
+            os._exit(11)
+
+    with pytest.raises(ConfigError, match="task toy: expected an episode, found its process dead"):
+        try_task_apart(replace(toy_task(), make=Fatal))
+
+
+def test_an_error_of_another_process_is_the_same_error() -> None:
+    with pytest.raises(ArgumentError, match="`judge`: expected an Outcome, got 3"):
+        try_task_apart(replace(toy_task(), judge=lambda *_: 3))
+
+
+def test_pictures_are_asked_of_whoever_draws_some() -> None:
+    rooms = Task(name="cart", make="CartPole-v1")
+    assert rooms.new_env(rendering=True).render_mode == "rgb_array"
+    assert rooms.new_env().render_mode is None
+    assert replace(rooms, make=lambda: Toy()).new_env(rendering=True).render_mode is None
+    assert replace(toy_task(), kwargs={"frame": (8, 8, 3)}).new_env().frame == (8, 8, 3)
+    assert np.array_equal(read(Toy().reset(seed=0)[0]).frame, Toy().reset(seed=0)[0]["image"])
