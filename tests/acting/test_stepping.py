@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 from contextlib import closing
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -88,11 +89,8 @@ def test_episodes_of_a_killed_worker_go_on_as_if_nothing_had_happened() -> None:
 
 def test_an_episode_that_cannot_be_repeated_is_cut() -> None:
     config = debug_config("env.num_workers=2")
-    task = task_of(config)
-    pool = make_stepping(config, task, task.spec(), 4)
-    assert isinstance(pool, PooledStepping)
-    with closing(pool):
-        stepping = PooledStepping(pool._pool, can_repeat=False)
+    task = replace(task_of(config), replayable=False)
+    with closing(make_stepping(config, task, task.spec(), 4)) as stepping:
         stepping.reset(range(4), [1, 2, 3, 4])
         assert received(stepping).is_first.all()
         kill_first_worker(stepping)

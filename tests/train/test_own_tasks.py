@@ -10,7 +10,7 @@ from pathlib import Path
 import gymnasium
 import pytest
 from debug import DEBUG
-from toy import SMALL, Toy, toy_config, toy_task
+from toy import ALGORITHMS, SMALL, Toy, toy_config, toy_task
 
 import vhs
 from vhs import Task
@@ -20,7 +20,7 @@ from vhs.cli import main
 from vhs.config import load_config
 from vhs.errors import ConfigError
 from vhs.eval import evaluate
-from vhs.runs.directory import read_config
+from vhs.runs.directory import check_run, read_config
 from vhs.runs.rows import read_log
 from vhs.train import train
 
@@ -236,6 +236,16 @@ def test_a_resumed_run_drops_what_its_task_cannot_repeat_and_says_so(tmp_path: P
     assert train(toy_config("vhs", *FEW, "train.episodes=48"), tmp_path / "run", said, task=task)
     assert "dropped 4 episodes that were under way: toy cannot repeat them" in said.getvalue()
     assert [row["episodes"] for row in read_log(tmp_path / "run")] == [12, 24, 36, 48]
+
+
+@pytest.mark.parametrize("method", ["vhs", "a3c"])
+def test_what_a_task_decides_is_no_other_value_when_a_run_goes_on(method: str, tmp_path: Path) -> None:
+    few = [key for key in FEW if method == "vhs" or not key.startswith("method.")]
+    config = load_config([SMALL, ALGORITHMS / f"{method}.yaml"], few, task="toy:TOY")
+    config = config.model_copy(update={"method": config.method.model_copy(update={"supcon_batch": None})})
+    train(config, tmp_path / "run", StringIO())
+    check_run(config, tmp_path / "run")
+    assert train(config, tmp_path / "run", StringIO())
 
 
 def test_a_judge_that_never_says_success_is_doubted(tmp_path: Path) -> None:

@@ -96,7 +96,7 @@ def make_stepping(config: Config, task: Task, spec: TaskSpec, count: int) -> Ste
         on_error="raise",
         deadline_s=config.env.deadline_s,
     )
-    return PooledStepping(pool, config.env.min_ready)
+    return PooledStepping(pool, config.env.min_ready, can_repeat=task.replayable)
 
 
 def make_buffer(config: Config, spec: TaskSpec, num_streams: int, num_waiting: int) -> EpisodeBuffer:

@@ -316,6 +316,10 @@ class Config(_Section):
         return self
 
 
+DECIDED_BY_TASK = ("method.supcon_batch", "method.relabel_on", "method.localisation_weight")
+"""Keys that are null until the task is known (`vhs.acting.setup.settled`)."""
+
+
 def unread_keys(parts: frozenset[str]) -> Iterator[tuple[str, Of]]:
     """Dotted keys that a method of some parts does not read, each with what would read it."""
     for section, kind in (("method", MethodSection), ("train", TrainSection)):

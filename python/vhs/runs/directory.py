@@ -16,7 +16,7 @@ from typing import Any
 
 from vhs import __version__
 from vhs.config import Config, dump_config, load_config
-from vhs.config.schema import unread_keys
+from vhs.config.schema import DECIDED_BY_TASK, unread_keys
 from vhs.config.task import file_of
 from vhs.config.variants import differing_keys, flat_config
 from vhs.errors import CheckpointError, ConfigError
@@ -73,7 +73,9 @@ def check_run(config: Config, run: Path) -> None:
     # A start that failed before anything was learned holds nobody to what it was started with.
     if (run / CONFIG_NAME).exists() and (has_checkpoint(run) or _has_rows(run)):
         old = read_config(run)
-        changed = _changed_keys(old, config) - MAY_CHANGE - ({"task"} if _has_moved(old, config) else set())
+        changed = set(differing_keys([fixed_settings(old), fixed_settings(config)])) - _left_to_task(config)
+        if old.task != config.task and not _has_moved(old, config):
+            changed.add("task")
         if changed:
             raise CheckpointError(
                 f"{run}: holds a run with other values of {', '.join(sorted(changed))}; "
@@ -218,16 +220,18 @@ def _has_rows(run: Path) -> bool:
     return log.exists() and log.stat().st_size > 0
 
 
+def _left_to_task(config: Config) -> set[str]:
+    """Keys whose value the task decides; in a run they hold what it decided."""
+    flat = flat_config(config)
+    return {key for key in DECIDED_BY_TASK if flat.get(key) is None}
+
+
 def _has_moved(old: Config, new: Config) -> bool:
     """Whether the file of the task was moved to where it is now said to be."""
     before, now = file_of(old.task), file_of(new.task)
     if before is None or now is None:
         return False
     return not before[0].exists() and (before[0].name, before[1]) == (now[0].name, now[1])
-
-
-def _changed_keys(old: Config, new: Config) -> set[str]:
-    return set(differing_keys([flat_config(old), flat_config(new)]))
 
 
 def _commit() -> str | None:

@@ -1,0 +1,47 @@
+"""The tasks in `examples/tasks` keep to the rules that they are shown by, and train."""
+
+import os
+import re
+from pathlib import Path
+
+import pytest
+from debug import DEBUG
+
+from vhs.cli import _parser, main
+from vhs.config import load_config
+from vhs.runs.rows import read_log
+
+ROOT = Path(__file__).parents[2]
+TASKS = sorted((ROOT / "examples" / "tasks").glob("*.py"))
+
+
+def command(path: Path) -> list[str]:
+    """The command in the docstring of an example, without `vhs`."""
+    found = re.search(r"^vhs (train .*)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+    assert found is not None, path
+    return found[1].split()
+
+
+@pytest.mark.parametrize("path", TASKS, ids=lambda path: path.stem)
+def test_an_example_is_short_and_says_its_command(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 40
+    monkeypatch.chdir(ROOT)
+    options = _parser().parse_args(command(path))
+    config = load_config(options.config, options.set, task=options.task)
+    assert config.task == str(path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", TASKS, ids=lambda path: path.stem)
+def test_an_example_trains(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By its own configuration, with networks and numbers of the debug configuration over them."""
+    monkeypatch.chdir(ROOT)
+    own = load_config([command(path)[command(path).index("--config") + 1]])
+    few = ["train.episodes=16", "train.log_every=8", "env.num_envs=4"]
+    few += [f"method.supcon_batch={own.method.supcon_batch}", "train.schedule_episodes=8"]
+    arguments = [*command(path)[:-2], "--config", str(DEBUG), "--out", str(tmp_path / "run")]
+    assert main([*arguments, *(part for one in few for part in ("--set", one))]) == 0
+    assert [row["episodes"] for row in read_log(tmp_path / "run")] == [8, 16]
+    assert main(["eval", str(tmp_path / "run"), "--episodes", "2"]) == 0
+    assert main(["play", str(tmp_path / "run"), "--episodes", "1", "--out", str(tmp_path / "film.gif")]) == 0
+    assert os.path.getsize(tmp_path / "film.gif") > 1000
