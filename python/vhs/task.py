@@ -257,6 +257,11 @@ class TaskSpec:
         is_picture = np.dtype(self.frame_dtype) == np.uint8 and len(self.frame_shape) == 3
         return bool(self.moves) and self.goals == "labels" and is_picture
 
+    @property
+    def has_classes(self) -> bool:
+        """Whether goals are of classes: alone, or named beside the pictures or vectors that are told."""
+        return self.goals == "labels" or self.num_goals > 1
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:

@@ -122,12 +122,17 @@ def test_the_critic_is_asked_what_a_limit_cut_off() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("action_space", [STEP, CHOICES], ids=["continuous", "choices"])
-def test_hindsight_solves_what_rewards_alone_do_not(action_space: spaces.Space) -> None:
-    """Vector goals and timeouts alone: 0.54 and more with hindsight, 0.17 without."""
-    task = reach_task("state", action_space)
+def test_hindsight_solves_with_continuous_actions_what_rewards_alone_do_not() -> None:
+    """Vector goals, timeouts alone: 0.63 with hindsight, 0.17 without."""
+    task = reach_task("state", STEP)
     assert play_toy(toy_config("vhs", *WIDER), 1500, task) > 2 * CHANCE
     assert play_toy(toy_config("pg", *WIDER), 1500, task) < 1.5 * CHANCE
+
+
+@pytest.mark.slow
+def test_several_choices_at_once_are_learned() -> None:
+    """0.54 of episodes, and 0.37 without hindsight."""
+    assert play_toy(toy_config("vhs", *WIDER), 1500, reach_task("state", CHOICES)) > 2 * CHANCE
 
 
 @pytest.mark.slow

@@ -183,15 +183,21 @@ def check_goals(config: Config, num_goals: int) -> None:
         )
 
 
-def check_spec(config: Config, task: Task, spec: TaskSpec) -> None:
+def check_spec(config: Config, task: Task, spec: TaskSpec, *, is_own: bool = False) -> None:
     """Check that the networks and losses that there are fit a task.
+
+    Args:
+        config: settled.
+        task: in its own words.
+        spec: what follows from it.
+        is_own: whether the feature extractor is the user's, whatever `model.extractor` says.
 
     Raises:
         ConfigError: goals, actions or frames of a kind that they do not take, or something not said.
     """
-    method, own = config.method, config.model.extractor is not None
+    method, own = config.method, is_own or config.model.extractor is not None
     is_picture = len(spec.frame_shape) == 3 and np.dtype(spec.frame_dtype) == np.uint8
-    if spec.goals == "labels" or spec.num_goals > 1:
+    if spec.has_classes:
         check_goals(config, spec.num_goals)
     if not (is_picture or own or len(spec.frame_shape) == 1):
         raise ConfigError(
@@ -211,7 +217,7 @@ def check_spec(config: Config, task: Task, spec: TaskSpec) -> None:
             "(what its actions do to the pose), goals that are classes, and pictures, "
             f"found {method.localisation_weight}"
         )
-    if spec.goals != "labels" and spec.num_goals == 1 and "discriminator" in method.row.terms:
+    if not spec.has_classes and "discriminator" in method.row.terms:
         raise ConfigError(
             f"method.name: expected one without a goal-discriminator, as task {task.name} names no goal "
             f"classes, found {method.name}"

@@ -192,6 +192,10 @@ class ClassGoals(Goals):
         """Whether the store holds `method.warmup` images."""
         return len(self.store) >= self._method.warmup
 
+    def pictures(self, batch: EpisodeBatch, rows: NDArray[np.int64]) -> NDArray[Any] | None:
+        """None: a class is told by its name."""
+        return None
+
     def recognise(self, reached: Tensor) -> Tensor | None:
         """The prototype nearest in angle; None without any, and before `is_warm`.
 
@@ -203,10 +207,6 @@ class ClassGoals(Goals):
         table = to_device(self.prototypes.table[known], self._device)
         nearest = (reached @ normalize(table, dim=1).T).argmax(dim=1)
         return to_device(known, self._device)[nearest]
-
-    def pictures(self, batch: EpisodeBatch, rows: NDArray[np.int64]) -> NDArray[Any] | None:
-        """None: a class is told by its name."""
-        return None
 
     def collect(self, buffer: EpisodeBuffer, ids: ArrayLike) -> None:
         """Store the last observation of each success under its instructed class, if it is a picture."""
@@ -282,8 +282,9 @@ class PrototypeGoals(ClassGoals):
     ) -> Tensor:
         """The prototype nearest in angle to each f(o_T), or f(o_T) itself, as `method.hindsight_goal` says.
 
-        Without any prototype, and before goals can be told apart, it is f(o_T). Either is a constant: a
-        gradient could make the goal easy instead of the policy good.
+        Without any prototype, and before goals can be told apart, it is f(o_T). A class that was never
+        reached has none, names nothing and holds up nothing. The goal is a constant: a gradient could make it
+        easy instead of the policy good.
         """
         reached = reached.detach()
         nearest = None if self._method.hindsight_goal == "feature" else self.recognise(reached)

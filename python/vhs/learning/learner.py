@@ -220,7 +220,7 @@ class Learner:
                     self._beyond(batch, one.rows, seen) if is_cut.any() else None,
                 )
         images = None if share.images is None else Images(image_features, share.images.labels)
-        reached = self._reached(batch, features, sequences) if "reached" in self._over else None
+        reached = self._reached(batch, features, sequences[:, :length]) if "reached" in self._over else None
         parts = (passed.get("lived"), passed.get("relabelled"), images, reached)
         return Forward(agent, batch, *parts, self._method, self._train, self._success_reward)
 
