@@ -81,6 +81,7 @@ class TaskSection(_Words):
     goals: tuple[str, ...] | None = None
     moves: dict[Action, MotionWords] | None = None
     replayable: bool = True
+    limit_ends: bool = False
     actions: tuple[str, ...] = ()
     keys: dict[str, Action] = Field(default_factory=dict)
     reached: str | None = None

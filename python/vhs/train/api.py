@@ -9,6 +9,7 @@ from typing import Any, TextIO
 
 from vhs.config import Config, load_config, resolve_config
 from vhs.config.load import read_task, unflatten
+from vhs.models import ExtractorFactory
 from vhs.task import Task
 from vhs.train.loop import train
 
@@ -18,6 +19,7 @@ def train_on(
     config: Config | Mapping[str, Any] | str | PathLike[str] | None = None,
     *,
     out: str | PathLike[str],
+    extractor: ExtractorFactory | None = None,
     stream: TextIO | None = None,
 ) -> bool:
     """Train on a task until `train.episodes` or a signal, or resume what the directory already holds.
@@ -27,6 +29,8 @@ def train_on(
             others find it by themselves, and otherwise are told where it is by ``--task`` or ``task=``.
         config: a whole configuration, a YAML file, or keys such as ``{"train.episodes": 2000}``.
         out: directory of the run; made when missing.
+        extractor: makes a feature extractor of one's own; `load_agent` has to be given it again, where the
+            key `model.extractor` names one for good.
         stream: where a person reads along; standard output by default.
 
     Returns:
@@ -44,4 +48,5 @@ def train_on(
         resolved = resolve_config([], [unflatten(config or {}), named])
     else:
         resolved = resolve_config([load_config([Path(config)]).model_dump(), named])
-    return train(resolved, Path(out), stream, task=task if isinstance(task, Task) else None)
+    given = task if isinstance(task, Task) else None
+    return train(resolved, Path(out), stream, task=given, extractor=extractor)
