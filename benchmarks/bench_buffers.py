@@ -304,7 +304,13 @@ def transition_cases() -> list[Case]:
             read,
             megabytes,
         ),
-        Case("sample_windows 16 x (15 + 5)", lambda: buffer.sample_windows(16, 15, 5), read, megabytes),
+        # Full windows, as many bytes as the copy beside them.
+        Case(
+            "sample_windows 16 x (15 + 5)",
+            lambda: buffer.sample_windows(16, 15, 5, strict=True),
+            read,
+            megabytes,
+        ),
     ]
 
 

@@ -125,9 +125,9 @@ class Batch:
     """Answers of some environments, in the order of their ids.
 
     Arrays are made when asked for and share memory, that of the block; where few of its rows are used, an
-    array has memory of its own: one that is kept holds at most four times its size. A part of an array
-    holds all of it, as in numpy: copy a row that is to stay. Parts of observations that are no arrays, such
-    as text, are tuples with an item a row.
+    array has memory of its own: one that is kept holds at most four times its size. A part of an array holds
+    all of it, as in numpy: copy a row that is to stay. Parts of observations that are no arrays, such as
+    text, are tuples with an item a row.
     """
 
     __slots__ = ("_block", "_copies", "_finals", "_infos", "_loose", "_loose_finals", "_nest", "_rows")
