@@ -163,6 +163,11 @@ BAD_CALLS: list[tuple[type[Exception], str, Call]] = [
         "`num_actions`: expected a number in 1..=",
         sizes(num_actions=0),
     ),
+    (
+        vhs.ArgumentError,
+        "`first_action`: expected a number in -1048576..=1048576, got 1048577",
+        sizes(first_action=2**20 + 1),
+    ),
     # Goals
     (vhs.ShapeError, "`observation`: expected shape [2, 3], got [3, 2]", push(np.zeros((3, 2), np.uint8), 0)),
     (vhs.ShapeError, "`observation`: expected shape [2, 3], got [6]", push(np.zeros(6, np.uint8), 0)),

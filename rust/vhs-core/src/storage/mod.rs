@@ -4,5 +4,6 @@ pub(crate) mod checksum;
 pub(crate) mod files;
 pub(crate) mod memory;
 pub mod pool;
+pub(crate) mod saves;
 pub(crate) mod slab;
 pub(crate) mod stacking;

@@ -5,7 +5,8 @@ use crate::buffer::episode::Episode;
 use crate::buffer::episodes::EpisodeBuffer;
 use crate::item::Item;
 use crate::labels::{class_of, label_of};
-use crate::storage::files::{ALIGNMENT, MAX_DIMENSIONS, MAX_SIZE, Reader, push_words};
+use crate::storage::files::{ALIGNMENT, MAX_DIMENSIONS, MAX_SIZE, Reader};
+use crate::storage::saves::push_words;
 use vhs_base::error::{Error, Result};
 use vhs_base::rng::Rng;
 

@@ -34,7 +34,8 @@ use crate::buffer::config::{Backing, EpisodeConfig};
 use crate::buffer::episode::{Episode, Opening};
 use crate::buffer::episodes::EpisodeBuffer;
 use crate::outcome::Outcome;
-use crate::storage::files::{MAX_SIZE, Reader, Writer, push_words, put_records, replace};
+use crate::storage::files::{MAX_SIZE, Reader};
+use crate::storage::saves::{Writer, push_words, put_records, replace};
 use crate::storage::slab::Slab;
 use vhs_base::check::{check_finite, check_labels};
 #[cfg(doc)]

@@ -22,9 +22,8 @@ use std::path::Path;
 
 use crate::goals::store::{GoalStore, Stash};
 use crate::labels::MAX_CLASSES;
-use crate::storage::files::{
-    ALIGNMENT, MAX_DIMENSIONS, MAX_SIZE, Reader, push_words, put_records, replace,
-};
+use crate::storage::files::{ALIGNMENT, MAX_DIMENSIONS, MAX_SIZE, Reader};
+use crate::storage::saves::{push_words, put_records, replace};
 use vhs_base::check::product;
 use vhs_base::error::{Error, Result};
 use vhs_base::fork;
