@@ -13,6 +13,7 @@ from reach import reach_task
 from torch import Tensor, nn
 from toy import Toy, toy_config, toy_task
 
+import vhs
 from vhs import Outcome, Task
 from vhs.acting.policy import load_agent
 from vhs.acting.setup import make_env
@@ -154,7 +155,9 @@ def test_an_extractor_of_ones_own_by_name_and_as_an_object(tmp_path: Path) -> No
     task = toy_task()
     named = configured("train.episodes=24", f"model.extractor={__name__}:flat")
     train(named, tmp_path / "named", StringIO(), task=task)
-    train(configured("train.episodes=24"), tmp_path / "given", StringIO(), task=task, extractor=flat)
+    vhs.train(
+        task, configured("train.episodes=24"), out=tmp_path / "given", stream=StringIO(), extractor=flat
+    )
     ours = weights(tmp_path / "named", task)
     assert_same(ours, load_agent(tmp_path / "given", task, flat).agent.state_dict())
     assert ours["extractor.network.layer.weight"].shape == (16, 16 * 16 * 6)

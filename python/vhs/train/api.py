@@ -9,6 +9,7 @@ from typing import Any, TextIO
 
 from vhs.config import Config, load_config, resolve_config
 from vhs.config.load import read_task, unflatten
+from vhs.models import ExtractorFactory
 from vhs.task import Task
 from vhs.train.loop import train
 
@@ -19,6 +20,7 @@ def train_on(
     *,
     out: str | PathLike[str],
     stream: TextIO | None = None,
+    extractor: ExtractorFactory | None = None,
 ) -> bool:
     """Train on a task until `train.episodes` or a signal, or resume what the directory already holds.
 
@@ -28,6 +30,8 @@ def train_on(
         config: a whole configuration, a YAML file, or keys such as ``{"train.episodes": 2000}``.
         out: directory of the run; made when missing.
         stream: where a person reads along; standard output by default.
+        extractor: makes the feature extractor in place of `model.extractor`, which `vhs eval` and the others
+            would find by themselves; `load_agent` is given it again.
 
     Returns:
         True when the run is finished, False when a signal stopped it.
@@ -44,4 +48,5 @@ def train_on(
         resolved = resolve_config([], [unflatten(config or {}), named])
     else:
         resolved = resolve_config([load_config([Path(config)]).model_dump(), named])
-    return train(resolved, Path(out), stream, task=task if isinstance(task, Task) else None)
+    own = task if isinstance(task, Task) else None
+    return train(resolved, Path(out), stream, task=own, extractor=extractor)
