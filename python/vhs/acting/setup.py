@@ -157,9 +157,9 @@ def check_runnable(config: Config, task: Task | None = None) -> None:
 
 def settled(config: Config, spec: TaskSpec) -> Config:
     """The same configuration with what a task decides filled in: keys of `method` that are null."""
-    can_localise = spec.moves is not None and spec.has_classes and "localise" in config.method.row.terms
+    can_localise = spec.can_localise and "localise" in config.method.row.terms
     own = {
-        "localisation_weight": 3.0 if can_localise else 0.0,
+        "localisation_weight": 1.0 if can_localise else 0.0,
         "supcon_batch": max(16, 2 * spec.num_goals),
         "relabel_on": ("failure",) if spec.goals == "labels" else ("failure", "timeout"),
     }
@@ -211,15 +211,11 @@ def check_spec(config: Config, task: Task, spec: TaskSpec, *, is_own: bool = Fal
             f"task {task.name}: expected frames uint8, of which images of reached goals are kept for "
             f"{', '.join(needs)}, found {np.dtype(spec.frame_dtype)}; method.name = a3c keeps none"
         )
-    if method.localisation_weight and not spec.has_classes:
+    if method.localisation_weight and not spec.can_localise:
         raise ConfigError(
-            f"method.localisation_weight: expected 0 or null, as task {task.name} names no goal classes, "
+            f"method.localisation_weight: expected 0 or null, as task {task.name} has not all of `moves` "
+            "(what its actions do to the pose), goals that are classes, and pictures, "
             f"found {method.localisation_weight}"
-        )
-    if method.localisation_weight and spec.moves is None:
-        raise ConfigError(
-            f"method.localisation_weight: expected 0 or null, as task {task.name} has no `moves` that say "
-            f"what its actions do to the pose, found {method.localisation_weight}"
         )
     if not spec.has_classes and "discriminator" in method.row.terms:
         raise ConfigError(

@@ -52,6 +52,7 @@ class MotionWords(_Words):
     """`vhs.Move`, or `vhs.Turn` where `deg` is given."""
 
     forward_m: float = 0.0
+    left_m: float = 0.0
     deg: float | None = None
 
 
@@ -80,6 +81,7 @@ class TaskSection(_Words):
     goals: tuple[str, ...] | None = None
     moves: dict[Action, MotionWords] | None = None
     replayable: bool = True
+    limit_ends: bool = False
     actions: tuple[str, ...] = ()
     keys: dict[str, Action] = Field(default_factory=dict)
     reached: str | None = None

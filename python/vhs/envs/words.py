@@ -56,7 +56,7 @@ def task_of_words(words: Mapping[str, Any]) -> Task:
         words: the fields of `vhs.config.task.TaskSection`, checked.
     """
     told = {name: words[name] for name in ("image", "goal", "interaction") if words[name] is not None}
-    plain = ("make", "name", "max_steps", "goals", "replayable", "actions", "metrics")
+    plain = ("make", "name", "max_steps", "goals", "replayable", "limit_ends", "actions", "metrics")
     fields: dict[str, Any] = {name: words[name] for name in plain}
     fields |= {name: dict(words[name]) for name in ("interactions", "keys")}
     if told:
@@ -73,5 +73,5 @@ def task_of_words(words: Mapping[str, Any]) -> Task:
     return Task(**fields)
 
 
-def _motion(forward_m: float, deg: float | None) -> Motion:
-    return Move(forward_m=forward_m) if deg is None else Turn(deg=deg)
+def _motion(forward_m: float, left_m: float, deg: float | None) -> Motion:
+    return Move(forward_m=forward_m, left_m=left_m) if deg is None else Turn(deg=deg)

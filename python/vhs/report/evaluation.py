@@ -103,7 +103,8 @@ def _episode(track: Track, names: Sequence[str]) -> str:
     )
     name = f"episode {track.number} from above"
     above = "" if track.way is None else f"<div>{top_view(track.way, name)}</div>"
-    strip = "".join(_frame(moment, outcome) for moment in track.moments)
+    strip = "" if end.told is None else figure(end.told, "goal")
+    strip += "".join(_frame(moment, outcome) for moment in track.moments)
     return (
         f'<div class="card" style="--here:{_colour(track.outcome)};margin-top:14px">{title}'
         f'<div class="episode">{above}<div class="row">{strip}</div></div></div>'

@@ -37,6 +37,8 @@ class Moment:
     """The newest frame as a picture, uint8 [height, width, 3]."""
     onlooker: NDArray[np.uint8] | None
     """What the environment renders, uint8 [H, W, 3], where it does."""
+    told: NDArray[np.uint8] | None = None
+    """The goal as a picture, uint8 [H, W, 3], where it is a picture or a vector."""
     action: str | None = None
     """What is done now; None at the end of the episode, and before a person has chosen."""
     value: float | None = None
@@ -70,13 +72,15 @@ class Onlooker:
 
     def _moment(self, step: int, goal: int, interaction: int, **known: Any) -> Moment:
         assert self._stepping.newest is not None
-        instruction = self._task.goal_name(goal)
+        goals = self._stepping.newest.desired_goals
+        instruction = self._task.goal_name(goal) if goals is None else "as shown"
         if self._spec.num_interactions > 1:
             instruction += f", interaction {interaction + 1}"
         view = as_picture(self._stepping.newest.frames[0])
         rendered: Any = self._env.render() if self._env.render_mode == "rgb_array" else None
         onlooker = None if rendered is None else as_picture(np.asarray(rendered))
-        return Moment(step, goal, instruction, view, onlooker, **known)
+        told = None if goals is None else as_picture(goals[0])
+        return Moment(step, goal, instruction, view, onlooker, told, **known)
 
 
 def play_moments(

@@ -13,6 +13,8 @@ SIDE_PX = 480
 """Height and width of each of the two views."""
 GAP_PX = 8
 CAPTION_PX = 88
+TOLD_PX = CAPTION_PX - 2 * GAP_PX
+"""Height and width of a goal that is a picture."""
 WIDTH_PX, HEIGHT_PX = 2 * SIDE_PX + GAP_PX, SIDE_PX + CAPTION_PX
 """Size of the picture; both even, as video codecs want them."""
 
@@ -38,6 +40,8 @@ def draw(moment: Moment) -> Image.Image:
     for title, left, text in columns:
         canvas.text((left, SIDE_PX + 12), title, FAINT, small)
         canvas.text((left, SIDE_PX + 36), text, INK, large)
+    if moment.told is not None:
+        picture.paste(_enlarged(moment.told, Image.Resampling.NEAREST, TOLD_PX), (200, SIDE_PX + GAP_PX))
     if moment.outcome is not None:
         _frame_outcome(canvas, moment, large)
     return picture
@@ -64,13 +68,13 @@ def _frame_outcome(canvas: ImageDraw.ImageDraw, moment: Moment, font: ImageFont.
     canvas.text((SIDE_PX + GAP_PX + 16, SIDE_PX + 36), moment.ending or "", colour, font)
 
 
-def _enlarged(view: NDArray[np.uint8], how: Image.Resampling) -> Image.Image:
-    """A view in the middle of a square of `SIDE_PX`; the agent's pixels stay visible as pixels."""
+def _enlarged(view: NDArray[np.uint8], how: Image.Resampling, side_px: int = SIDE_PX) -> Image.Image:
+    """A view in the middle of a square; the agent's pixels stay visible as pixels."""
     picture = Image.fromarray(view)
-    scale = SIDE_PX / max(picture.size)
+    scale = side_px / max(picture.size)
     large = picture.resize((round(scale * picture.width), round(scale * picture.height)), how)
-    square = Image.new("RGB", (SIDE_PX, SIDE_PX), BACKGROUND)
-    square.paste(large, ((SIDE_PX - large.width) // 2, (SIDE_PX - large.height) // 2))
+    square = Image.new("RGB", (side_px, side_px), BACKGROUND)
+    square.paste(large, ((side_px - large.width) // 2, (side_px - large.height) // 2))
     return square
 
 

@@ -19,8 +19,8 @@ def train_on(
     config: Config | Mapping[str, Any] | str | PathLike[str] | None = None,
     *,
     out: str | PathLike[str],
-    stream: TextIO | None = None,
     extractor: ExtractorFactory | None = None,
+    stream: TextIO | None = None,
 ) -> bool:
     """Train on a task until `train.episodes` or a signal, or resume what the directory already holds.
 
@@ -29,9 +29,9 @@ def train_on(
             others find it by themselves, and otherwise are told where it is by ``--task`` or ``task=``.
         config: a whole configuration, a YAML file, or keys such as ``{"train.episodes": 2000}``.
         out: directory of the run; made when missing.
+        extractor: makes a feature extractor of one's own; `load_agent` has to be given it again, where the
+            key `model.extractor` names one for good.
         stream: where a person reads along; standard output by default.
-        extractor: makes the feature extractor in place of `model.extractor`, which `vhs eval` and the others
-            would find by themselves; `load_agent` is given it again.
 
     Returns:
         True when the run is finished, False when a signal stopped it.
@@ -48,5 +48,5 @@ def train_on(
         resolved = resolve_config([], [unflatten(config or {}), named])
     else:
         resolved = resolve_config([load_config([Path(config)]).model_dump(), named])
-    own = task if isinstance(task, Task) else None
-    return train(resolved, Path(out), stream, task=own, extractor=extractor)
+    given = task if isinstance(task, Task) else None
+    return train(resolved, Path(out), stream, task=given, extractor=extractor)
