@@ -76,7 +76,7 @@ def test_the_head_that_localises_travels_along(tmp_path: Path) -> None:
     config = configured("method.localisation_weight=1")
     (tmp_path / "agent").write_bytes(encoded(config))
     other = make_policy(config.model_copy(update={"seed": 1}))
-    read_agent(tmp_path / "agent", other.agent, other.goals)
+    read_agent(tmp_path / "agent").load(other.agent, other.goals)
     first, second = make_policy(config).agent.sight, other.agent.sight
     assert first is not None
     assert second is not None
@@ -84,7 +84,7 @@ def test_the_head_that_localises_travels_along(tmp_path: Path) -> None:
         assert torch.equal(second.state_dict()[name], weight.half().float()), name
     without = make_policy(configured())
     with pytest.raises(CheckpointError, match=r"`agent\.sight\.0\.bias`: expected shape none"):
-        read_agent(tmp_path / "agent", without.agent, without.goals)
+        read_agent(tmp_path / "agent").load(without.agent, without.goals)
 
 
 def test_the_directory_says_what_trained_the_agent(run: Path, exported: Path) -> None:

@@ -13,6 +13,7 @@ from reach import reach_task
 from torch import Tensor, nn
 from toy import Toy, toy_config, toy_task
 
+import vhs
 from vhs import Outcome, Task
 from vhs.acting.policy import load_agent
 from vhs.acting.setup import make_env
@@ -24,6 +25,7 @@ from vhs.runs.rows import read_log
 from vhs.show.moments import play_moments
 from vhs.task import Instruction
 from vhs.train import train
+from vhs.train.export import export_agent
 
 SETTINGS = (
     "train.log_every=24",
@@ -154,10 +156,25 @@ def test_an_extractor_of_ones_own_by_name_and_as_an_object(tmp_path: Path) -> No
     task = toy_task()
     named = configured("train.episodes=24", f"model.extractor={__name__}:flat")
     train(named, tmp_path / "named", StringIO(), task=task)
-    train(configured("train.episodes=24"), tmp_path / "given", StringIO(), task=task, extractor=flat)
+    vhs.train(
+        task, configured("train.episodes=24"), out=tmp_path / "given", stream=StringIO(), extractor=flat
+    )
     ours = weights(tmp_path / "named", task)
     assert_same(ours, load_agent(tmp_path / "given", task, flat).agent.state_dict())
     assert ours["extractor.network.layer.weight"].shape == (16, 16 * 16 * 6)
+
+
+def test_an_exported_agent_runs_no_code_that_it_names_itself(tmp_path: Path) -> None:
+    """It may be a stranger's; whoever loads it says which code it may run."""
+    task, name = toy_task(), f"{__name__}:flat"
+    train(configured("train.episodes=24", f"model.extractor={name}"), tmp_path / "run", StringIO(), task=task)
+    trained = export_agent(tmp_path / "run", tmp_path / "agent", task)
+    with pytest.raises(ConfigError, match=f"expected no code of its own, found model.extractor = {name}"):
+        load_agent(tmp_path / "agent", task)
+    again = load_agent(tmp_path / "agent", task, flat).agent.state_dict()
+    for key, value in trained.agent.state_dict().items():
+        expected = value.half().float() if value.is_floating_point() else value
+        assert torch.equal(again[key], expected), key
 
 
 def test_an_extractor_of_ones_own_takes_frames_that_no_other_takes(tmp_path: Path) -> None:

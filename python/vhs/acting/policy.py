@@ -156,9 +156,14 @@ def _load_exported(
 ) -> Policy:
     """An exported agent, maybe a stranger's: checked before anything of the size that it names is made."""
     check_limits(config)
+    if config.model.extractor is not None and extractor is None:
+        raise ConfigError(
+            f"{path}: expected no code of its own, found model.extractor = {config.model.extractor}; "
+            "load_agent(path, extractor=...) says which code it may run"
+        )
     file = read_agent(path / AGENT_NAME)
     task = task or task_of(config)
-    file.check(config, task.spec())
+    file.check(config, task.spec(), extractor)
     policy = make_policy(config, task, extractor)
     policy.agent.eval()
     file.load(policy.agent, policy.goals)

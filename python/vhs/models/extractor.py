@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 
 import torch
 from torch import Tensor, nn
@@ -176,7 +177,8 @@ class OwnExtractor(Extractor):
     def forward(self, observations: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
         """Embed observations; what the network multiplies may be cast to `dtype`."""
         _check_observations(observations, self.observation_shape)
-        with torch.autocast(observations.device.type, dtype=torch.bfloat16, enabled=dtype == torch.bfloat16):
+        is_cast = dtype == torch.bfloat16
+        with torch.autocast(observations.device.type, torch.bfloat16) if is_cast else nullcontext():
             features: Tensor = self.network(observations)
         if features.shape != (len(observations), self.feature_dim):
             expected, found = [len(observations), self.feature_dim], list(features.shape)

@@ -26,7 +26,7 @@ from vhs.config import Config
 from vhs.config.variants import flat_config
 from vhs.errors import CheckpointError
 from vhs.learning.goals import Goals
-from vhs.models import GoalAgent, make_agent
+from vhs.models import ExtractorFactory, GoalAgent, make_agent
 from vhs.reading import read_bounded
 from vhs.runs.checkpoint import fitting
 from vhs.task import TaskSpec
@@ -72,8 +72,10 @@ class AgentFile:
     tensors: Mapping[str, Tensor]
     """All of them finite."""
 
-    def check(self, config: Config, spec: TaskSpec) -> None:
+    def check(self, config: Config, spec: TaskSpec, extractor: ExtractorFactory | None = None) -> None:
         """Check a configuration and its task against the file before anything of their size is made.
+
+        `extractor` as for `make_agent`.
 
         Raises:
             CheckpointError: the networks that they describe are not those of the file.
@@ -81,7 +83,7 @@ class AgentFile:
         on_meta = config.model_copy(update={"train": config.train.model_copy(update={"device": "meta"})})
         try:
             with torch.device("meta"):  # shapes alone, no memory
-                networks = make_agent(on_meta, spec).state_dict()
+                networks = make_agent(on_meta, spec, extractor).state_dict()
         except (RuntimeError, TypeError, ValueError, OverflowError) as error:
             raise CheckpointError(
                 f"{self.path}: no network is like the configuration beside it: {error}"
