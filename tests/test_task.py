@@ -90,7 +90,7 @@ def test_the_rooms_are_tasks(name: str) -> None:
     assert spec.num_goals == 5
     assert spec.max_episode_steps == 20
     assert set(task.keys.values()) == set(range(spec.num_actions))
-    assert spec.moves == {0: (0.5, 0.0), 1: (0.0, math.pi / 4), 2: (0.0, -math.pi / 4)}
+    assert spec.moves == {0: (0.5, 0.0, 0.0), 1: (0.0, 0.0, math.pi / 4), 2: (0.0, 0.0, -math.pi / 4)}
     env = task.new_env()
     env.reset(seed=1)
     assert task.shortest is not None

@@ -1,6 +1,6 @@
-"""What an agent's eyes can tell: `python docs/results/sight.py AGENT`.
+"""What an agent's eyes can tell: `python docs/results/sight.py AGENT...`.
 
-AGENT is a run or an exported agent. Random walks through rooms give views, each with the pixels that the
+An AGENT is a run or an exported agent. Random walks through rooms give views, each with the pixels that the
 simulator says every object covers. On the features f(o) of two thirds of the rooms a classifier of the size
 of the agent's own heads learns which objects are in view, and on the others it is asked: of views that show
 so many pixels of an object, how many does it tell from views without it, at .5 % false alarms? The same is
@@ -126,26 +126,33 @@ def probe(trained: Policy, rooms: int, seed: int) -> dict[str, list[dict[str, An
         return {name: recall(head(asked.features).numpy(), asked.pixels) for name, head in heads.items()}
 
 
-def main() -> None:
-    """Print the tables; with --out write them as JSON."""
-    parser = argparse.ArgumentParser(description="How many pixels of an object an agent needs to tell it.")
-    parser.add_argument("agent", type=Path)
-    parser.add_argument("--rooms", type=int, default=1500, help="21 views each")
-    parser.add_argument("--seed", type=int, default=9)
-    parser.add_argument("--out", type=Path)
-    options = parser.parse_args()
-    trained = load_agent(options.agent)
-    tables = probe(trained, options.rooms, options.seed)
+def show(agent: Path, tables: dict[str, list[dict[str, Any]]]) -> None:
+    """Print the tables of an agent."""
     for name, rows in tables.items():
-        print(f"{name}, {len(OBJECT_NAMES)} objects, at {FALSE_ALARMS:.1%} false alarms")
+        print(f"{agent}, {name}, {len(OBJECT_NAMES)} objects, at {FALSE_ALARMS:.1%} false alarms")
         for row in rows:
             low, high = row["pixels"]
             told = "-" if row["recall"] is None else f"{row['recall']:.3f}"
             print(f"{low:5}..{high - 1:<5} px {row['objects']:6} objects  recall {told}")
+
+
+def main() -> None:
+    """Print the tables; with --out write them as JSON."""
+    parser = argparse.ArgumentParser(description="How many pixels of an object an agent needs to tell it.")
+    parser.add_argument("agents", type=Path, nargs="+")
+    parser.add_argument("--rooms", type=int, default=1500, help="21 views each")
+    parser.add_argument("--seed", type=int, default=9)
+    parser.add_argument("--out", type=Path)
+    options = parser.parse_args()
+    found = {}
+    for agent in options.agents:
+        trained = load_agent(agent)
+        tables = probe(trained, options.rooms, options.seed)
+        show(agent, tables)
+        found[agent.name] = {"trained_episodes": trained.trained_episodes, "recall": tables}
     if options.out:
-        command = shlex.join(["python", *sys.argv])
-        meta = {**describe(), "command": command, "trained_episodes": trained.trained_episodes}
-        options.out.write_text(json.dumps({**meta, "recall": tables}) + "\n", encoding="utf-8")
+        made = {**describe(), "command": shlex.join(["python", *sys.argv])}
+        options.out.write_text(json.dumps({**made, "agents": found}) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

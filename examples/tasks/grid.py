@@ -23,8 +23,7 @@ class Grid(gymnasium.Env):
         return self.seen(), {}
 
     def seen(self):
-        world = np.full((13, 13, 3), 60, np.uint8)
-        world[4:9, 4:9] = 0
+        world = np.pad(np.zeros((5, 5, 3), np.uint8), ((4, 4), (4, 4), (0, 0)), constant_values=60)
         world[tuple(4 + np.transpose(self.squares))] = COLOURS
         view = world[self.me[0] : self.me[0] + 9, self.me[1] : self.me[1] + 9]  # the agent is in its middle
         return {"image": view.repeat(4, 0).repeat(4, 1), "goal": self.goal}
@@ -33,14 +32,8 @@ class Grid(gymnasium.Env):
         if action < 4:
             self.me = np.clip(self.me + [(-1, 0), (1, 0), (0, -1), (0, 1)][action], 0, 4)
         on = [label for label, place in enumerate(self.squares) if action == 4 and (place == self.me).all()]
-        reward, info = float(on == [self.goal]), {"reached": on[0] if on else -1}
-        return self.seen(), reward, bool(on), False, info
+        reward = 10.0 if on == [self.goal] else -1.0 if on else -0.01
+        return self.seen(), reward, bool(on), False, {"reached": on[0] if on else -1}
 
 
-task = vhs.Task(
-    make=Grid,
-    max_steps=20,
-    interactions={4: 0},
-    reward=vhs.OutcomeReward(),
-    reached=lambda info: info["reached"],
-)
+task = vhs.Task(make=Grid, max_steps=20, interactions={4: 0}, reached=lambda info: info["reached"])

@@ -12,7 +12,13 @@ Conventions of every function here:
 * A call that raises has changed nothing. Every message names what was expected and what was found. All
   exceptions derive from `VhsError`, except those of the operating system (`OSError`) and what Python itself
   says of an argument of a kind that the signature rules out, such as a word for a number (`TypeError`).
-* A buffer on disk belongs to the process that made it: a forked copy is refused (`ArgumentError`).
+* A forked child may use what its parent made, also where threads of the parent used it at that moment. It
+  draws of its own: from its first call on, the generator of its copy goes on from another state, which
+  follows from the parent's and from how many children the parent had before. Workers of a data loader so
+  draw different batches, in every epoch, and the same ones when the program runs again. A buffer on disk
+  belongs to the process that made it: a forked copy is refused (`ArgumentError`).
+* Calls that take long (`save`, `load`, `verify`, batches of more than 128 MB) hear Ctrl-C: they are given up,
+  and nothing has changed.
 * The interpreter is released while bytes are copied, and every object may be used from several threads.
 * Randomness comes from seeded generators that belong to the objects or are passed in, never from a global:
   the same seed and the same calls in the same order give the same results, whatever the number of threads
@@ -62,8 +68,8 @@ __all__ = [
 __version__: str
 
 _Strategy = Literal["final", "future", "episode", "random"]
-# (achieved_goals, goals) -> rewards, or (rewards, terminated)
-_RewardFunction = Callable[[NDArray[Any], NDArray[Any]], Any]
+# (achieved_goals, goals), or with ids and steps -> rewards, or (rewards, terminated)
+_RewardFunction = Callable[..., Any]
 
 class _PrototypesState(TypedDict):
     table: NDArray[np.float32]
@@ -167,12 +173,14 @@ class GoalStore:
         """Write the store to a file, generator included.
 
         A temporary file beside it is written, synced and renamed over `path`: whoever reads sees the old file
-        or the new one. Images are written from where they lie, without a second copy. Other threads that use
-        the store wait.
+        or the new one. A symbolic link stays, and the file that it leads to is replaced; a file keeps its
+        mode. Images are written from where they lie, as they are when the call begins: other threads go on
+        meanwhile, and an image that they overwrite is kept until the call ends.
 
         Raises:
-            OSError: The fitting subclass, such as PermissionError; the file is then as it was, or new and
-                whole where only its directory could not be synced.
+            OSError: The fitting subclass, such as PermissionError, and for a path that is no file (a device,
+                a pipe, a directory); the file is then as it was, or new and whole where only its directory
+                could not be synced.
         """
 
     @staticmethod
@@ -340,6 +348,7 @@ class EpisodeBuffer:
         stacking: Literal["frames", "channels"] = "frames",
         num_goals: int = 1,
         num_actions: int | None = None,
+        first_action: int = 0,
         interactions: Mapping[int, int] | None = None,
         num_interactions: int | None = None,
         dtype: DTypeLike = "uint8",
@@ -362,12 +371,14 @@ class EpisodeBuffer:
                 frames [H, W, C] make one picture [H, W, frame_stack * C], of each pixel the oldest frame's
                 channels first, as networks for pictures with the channels last want it.
             num_goals: Goal classes, at least 1.
-            num_actions: Actions in all; None: any number from 0 on is one.
+            num_actions: Actions in all; None: any number from `first_action` on is one.
+            first_action: The smallest number of an action, as the environment counts them: numbers are stored
+                and given back as they are.
             interactions: The interaction that each action does, such as {3: 0, 4: 1}; the others are moves.
                 What a relabelled episode did follows from it: needed where there are several interactions.
             num_interactions: Interactions; None: as many as `interactions` names. With 0 or 1, every episode
                 has interaction 0, whatever its actions.
-            dtype: Of frames: uint8, int8, int32, int64, float32 or float64.
+            dtype: Of frames: bool, uint8 to uint64, int8 to int64, or float16 to float64.
             goals: What a goal is; see above.
             goal_shape: Of a goal, where goals are vectors.
             goal_dtype: Of a goal, where goals are vectors; None: float32.
@@ -570,9 +581,11 @@ class EpisodeBuffer:
             reward: How relabelled steps are rewarded. None: `SparseReward()`. A function is called once, with
                 what all n steps reached and all n goals, [n, *goal] each, and returns rewards [n], or rewards
                 and terminated (bool [n]); what it says of steps that are not relabelled is not used. Where it
-                returns rewards alone, terminated stays as recorded.
+                returns rewards alone, terminated stays as recorded. One with a true attribute `by_step` is
+                called with two more arrays: id and step of each row, int64 [n] (of windows [n, W], steps -1
+                beyond the end), for what a caller keeps beside the buffer.
             out: Arrays to write into, by the name of the batch's attribute: "observations",
-                "next_observations", "goals", "achieved_goals", or some of them.
+                "next_observations", "goals", "achieved_goals", "previous_achieved_goals", or some of them.
 
         Raises:
             EmptyError: When no finished episode is stored.
@@ -593,12 +606,16 @@ class EpisodeBuffer:
         on: Sequence[int | str] | None = None,
         reward: SparseReward | _RewardFunction | None = None,
         out: NDArray[Any] | None = None,
+        strict: bool = False,
     ) -> WindowBatch:
         """Draw parts of finished episodes with steps before them that warm a recurrent state.
 
-        A window is drawn by its first learned step, all equally likely. It has up to `burn_in` steps before
-        it and up to `length` from it on, fewer at the ends of its episode, which it never leaves; and one
-        goal, relabelled as for `sample_transitions`.
+        A window has up to `length` learned steps and up to `burn_in` before them, fewer at the ends of its
+        episode, which it never leaves. An episode of T steps has T + length - 1 windows, from that of its
+        first step alone to that of its last; all windows of all episodes are equally likely, so every step is
+        learned from as often as any other. A window has one goal, relabelled as for `sample_transitions` for
+        its first learned step: where a later step of it reaches the goal ("future", "episode"), the steps
+        beyond are in the window too, and `terminated` says where the task under the new goal was over.
 
         Args:
             n: Windows to draw, at least 1.
@@ -611,8 +628,12 @@ class EpisodeBuffer:
             reward: As for `sample_transitions`; a function is called once, with [n, burn_in + length, *goal]
                 of what each step reached and of its window's goal, the latter read-only.
             out: [n, burn_in + length + 1, *observation_shape], for the observations.
+            strict: Draw full windows alone, of `length` learned steps: an episode of T steps has T - length
+                + 1, a shorter one none, and steps at the ends of an episode come less often. A call walks
+                over the stored episodes once.
 
         Raises:
+            EmptyError: Also where `strict` and every episode is shorter than a window.
             EmptyError, ArgumentError, NonFiniteError, ShapeError, DtypeError, LayoutError: As for
                 `sample_transitions`.
         """
@@ -621,11 +642,13 @@ class EpisodeBuffer:
         """Write the finished episodes and the generator to a file, as `GoalStore.save` does.
 
         Open episodes are not part of it: they belong to environments that run now. Frames are written from
-        where they lie, without a second copy. Other threads that use the buffer wait.
+        where they lie, as they are when the call begins: other threads go on meanwhile, and the memory of
+        episodes that are evicted is used again once the call ends.
 
         Raises:
-            OSError: The fitting subclass, such as PermissionError; the file is then as it was, or new and
-                whole where only its directory could not be synced.
+            OSError: The fitting subclass, such as PermissionError, and for a path that is no file (a device,
+                a pipe, a directory); the file is then as it was, or new and whole where only its directory
+                could not be synced.
         """
 
     @staticmethod
@@ -742,6 +765,10 @@ class EpisodeBuffer:
     def num_actions(self) -> int | None:
         """Actions in all, interactions included; None where any number is one."""
 
+    @property
+    def first_action(self) -> int:
+        """The smallest number of an action."""
+
     def __len__(self) -> int:
         """Finished episodes stored."""
 
@@ -839,7 +866,11 @@ class TransitionBatch:
 
     @property
     def achieved_goals(self) -> NDArray[Any] | None:
-        """Goals reached by the step, [n, *goal_shape]; None where `next_observations` are what is reached."""
+        """Goals reached by the step, [n, *goal_shape]; None where `next_observations` are that."""
+
+    @property
+    def previous_achieved_goals(self) -> NDArray[Any] | None:
+        """Goals reached before the step, [n, *goal_shape]; None where `observations` are that."""
 
     @property
     def actions(self) -> NDArray[Any]:
@@ -1104,14 +1135,15 @@ def egomotion(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Dead reckoning: where the end of each padded episode lay, seen from the beginning of each of its steps.
 
-    The moves are undone one by one from the end; an action first moves forward and then turns. What lies
-    after an episode's end is not read.
+    The moves are undone one by one from the end; an action first moves and then turns. What lies after an
+    episode's end is not read.
 
     Args:
         actions: int64 [B, T].
-        blocked: Steps that went nowhere, bool [B, T]: their way forward is not counted, their turn is.
+        blocked: Steps that went nowhere, bool [B, T]: their way is not counted, their turn is.
         lengths: Steps of each episode, int64 [B], in 0..=T.
-        moves: What each action does, float32 [actions, 2]: metres forward, radians to the left.
+        moves: What each action does, float32 [actions, 3]: metres forward, metres to the left, radians to the
+            left.
         ahead_m: What is looked for lies so many metres in front of the last pose, at least 0.
 
     Returns:

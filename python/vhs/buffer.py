@@ -21,6 +21,7 @@ def make_buffer(
     num_streams: int = 1,
     frame_stack: int = 1,
     stacking: Literal["frames", "channels"] = "frames",
+    first_action: int = 0,
     backing: str | PathLike[str] = "memory",
     seed: int = 0,
 ) -> EpisodeBuffer:
@@ -32,6 +33,7 @@ def make_buffer(
         num_streams: Environments that will feed the buffer.
         frame_stack: Frames in one observation.
         stacking: How they lie in it, as for `EpisodeBuffer`.
+        first_action: What the numbers of actions begin with in the buffer; a spec counts them from 0.
         backing: As for `EpisodeBuffer`.
         seed: Of the buffer's generator.
 
@@ -50,7 +52,8 @@ def make_buffer(
         num_goals=spec.num_goals,
         num_interactions=spec.num_interactions,
         num_actions=None if spec.action_dim else spec.num_actions,
-        interactions=spec.interactions,
+        first_action=first_action,
+        interactions={action + first_action: done for action, done in spec.interactions.items()},
         dtype=spec.frame_dtype,
         action_dim=spec.action_dim,
         goals=spec.goals,

@@ -92,15 +92,17 @@ class OutcomeReward:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Move:
-    """What an action does to the pose where nothing is in the way: a move along the heading."""
+    """What an action does to the pose where nothing is in the way: a move in the agent's own frame."""
 
-    forward_m: float
-    """In metres, or whatever unit all moves of a task share."""
+    forward_m: float = 0.0
+    """Along the heading, in metres or whatever unit all moves of a task share."""
+    left_m: float = 0.0
+    """Across it, in the same unit."""
 
     @property
-    def pose_change(self) -> tuple[float, float]:
-        """Metres forward, then radians to the left."""
-        return self.forward_m, 0.0
+    def pose_change(self) -> tuple[float, float, float]:
+        """Metres forward, metres to the left, radians to the left."""
+        return self.forward_m, self.left_m, 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,9 +113,9 @@ class Turn:
     """Degrees, positive to the left."""
 
     @property
-    def pose_change(self) -> tuple[float, float]:
-        """Metres forward, then radians to the left."""
-        return 0.0, math.radians(self.deg)
+    def pose_change(self) -> tuple[float, float, float]:
+        """Metres forward, metres to the left, radians to the left."""
+        return 0.0, 0.0, math.radians(self.deg)
 
 
 Motion = Move | Turn
@@ -242,9 +244,23 @@ class TaskSpec:
     """Interactions that can be instructed; 0 where an instruction names none."""
     success_reward: float | None = None
     """What the environment pays for the last step of a success; None where nobody said."""
-    moves: Mapping[int, tuple[float, float]] | None = None
-    """Action -> what it does to the pose: metres forward, then radians to the left; the other actions leave
-    it as it is. None where nobody said."""
+    moves: Mapping[int, tuple[float, float, float]] | None = None
+    """Action -> what it does to the pose: metres forward, metres to the left, radians to the left; the other
+    actions leave it as it is. None where nobody said."""
+
+    @property
+    def can_localise(self) -> bool:
+        """Whether hindsight can say where what was reached had been.
+
+        The moves are known then, goals are classes and frames are pictures.
+        """
+        is_picture = np.dtype(self.frame_dtype) == np.uint8 and len(self.frame_shape) == 3
+        return bool(self.moves) and self.goals == "labels" and is_picture
+
+    @property
+    def has_classes(self) -> bool:
+        """Whether goals are of classes: alone, or named beside the pictures or vectors that are told."""
+        return self.goals == "labels" or self.num_goals > 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -32,8 +32,8 @@ def test_the_same_seed_draws_the_same_as_from_rust() -> None:
     assert whole.ids.tolist() == [2, 4, 5, 2, 1, 2]
     assert whole.hindsight.selected.tolist() == [True, False, False, False, True, True]
     parts = buffer.sample_windows(4, 2, 1, "random", ratio=1)
-    assert parts.ids.tolist() == [4, 3, 3, 4]
-    assert parts.steps.tolist() == [0, 2, 0, 0]
+    assert parts.ids.tolist() == [4, 4, 3, 4]
+    assert parts.steps.tolist() == [0, 0, 0, 0]
     assert parts.goal_ids.tolist() == [4, 2, 3, 3]
     assert parts.goal_steps.tolist() == [-1, 3, -1, 3]
     assert buffer.rng_state.tolist() == [

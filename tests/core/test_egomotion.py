@@ -15,25 +15,25 @@ LONGEST = 6
 Walk = list[tuple[int, bool]]
 
 
-def ends(moves: list[tuple[float, float]], walk: Walk) -> list[tuple[complex, complex]]:
+def ends(moves: list[tuple[float, float, float]], walk: Walk) -> list[tuple[complex, complex]]:
     """Place and direction before each step and after the last, as complex numbers."""
     place, direction = 2 + 1j, complex(math.cos(0.3), math.sin(0.3))
     poses = [(place, direction)]
     for action, blocked in walk:
-        forward, turn = moves[action]
-        place += 0 if blocked else forward * direction
+        forward, left, turn = moves[action]
+        place += 0 if blocked else complex(forward, left) * direction
         direction *= complex(math.cos(turn), math.sin(turn))
         poses.append((place, direction))
     return poses
 
 
 @given(
-    st.lists(st.tuples(st.floats(-1, 1), st.floats(-3, 3)), min_size=3, max_size=3),
+    st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-3, 3)), min_size=3, max_size=3),
     st.lists(st.lists(st.tuples(st.integers(0, 2), st.booleans()), max_size=LONGEST), max_size=4),
     st.floats(0, 2),
 )
 def test_every_step_points_at_what_lay_ahead_of_the_end(
-    moves: list[tuple[float, float]], walks: list[Walk], ahead_m: float
+    moves: list[tuple[float, float, float]], walks: list[Walk], ahead_m: float
 ) -> None:
     actions = np.full((len(walks), LONGEST), -1)
     blocked = np.ones(actions.shape, bool)
@@ -55,7 +55,7 @@ def test_every_step_points_at_what_lay_ahead_of_the_end(
 def test_nothing_lies_nowhere() -> None:
     for shape in ((0, 3), (2, 0)):
         bearings, distances = vhs.egomotion(
-            np.zeros(shape, int), np.zeros(shape, bool), [0] * shape[0], [[1, 0]]
+            np.zeros(shape, int), np.zeros(shape, bool), [0] * shape[0], [[1, 0, 0]]
         )
         assert bearings.shape == distances.shape == shape
 
@@ -68,8 +68,8 @@ def test_nothing_lies_nowhere() -> None:
         ({"actions": [[0, 2]]}, vhs.LabelError, "`actions`: expected a number in 0..2, got 2 at index 1"),
         ({"blocked": np.zeros((1, 3), bool)}, vhs.ShapeError, r"`blocked`: expected shape \[1, 2\]"),
         ({"blocked": np.zeros((1, 2))}, vhs.DtypeError, "`blocked`: expected bool"),
-        ({"moves": [[1.0], [0.0]]}, vhs.ShapeError, r"`moves`: expected shape \[2, 2\], got \[2, 1\]"),
-        ({"moves": [[1.0, np.nan], [0, 0]]}, vhs.NonFiniteError, "`moves`"),
+        ({"moves": [[1.0, 0.0]] * 2}, vhs.ShapeError, r"`moves`: expected shape \[2, 3\], got \[2, 2\]"),
+        ({"moves": [[1.0, np.nan, 0], [0, 0, 0]]}, vhs.NonFiniteError, "`moves`"),
         ({"ahead_m": -0.5}, vhs.ArgumentError, "`ahead_m`: expected a finite number of at least 0, got -0.5"),
     ],
 )
@@ -80,7 +80,7 @@ def test_what_does_not_fit_is_refused(
         "actions": [[0, 1]],
         "blocked": np.zeros((1, 2), bool),
         "lengths": [2],
-        "moves": [[1.0, 0.0], [0.0, 1.0]],
+        "moves": [[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
     }
     vhs.egomotion(**good)  # type: ignore[arg-type]
     with pytest.raises(error, match=message):

@@ -32,6 +32,7 @@ def check_rows(recording: Recording, batch: vhs.TransitionBatch, strategy: str |
         assert batch.labels[row] == episode.label
         if batch.achieved_goals is not None:
             np.testing.assert_array_equal(batch.achieved_goals[row], episode.achieved[t + 1])
+            np.testing.assert_array_equal(batch.previous_achieved_goals[row], episode.achieved[t])
         check_goal(recording, batch, row, strategy)
 
 

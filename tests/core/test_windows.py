@@ -33,7 +33,11 @@ def test_a_window_is_a_part_of_its_episode(
         episode = recording.episodes[batch.ids[row]]
         start, used = int(batch.steps[row]), int(batch.lengths[row])
         first = start + int(batch.burn_in[row])
-        assert (start, start + used) == (max(first - burn_in, 0), min(first + length, len(episode)))
+        learned = start + used - first
+        assert start == max(first - burn_in, 0)
+        assert 1 <= learned <= length
+        # Fewer learned steps than asked for only where the window hangs over an end of its episode.
+        assert learned == length or first == 0 or start + used == len(episode)
         steps = np.arange(start, start + used)
         frames = np.stack([episode.observation(t, 2) for t in range(start, start + used + 1)])
         np.testing.assert_array_equal(batch.observations[row, : used + 1], frames)
@@ -59,6 +63,44 @@ def test_a_window_is_a_part_of_its_episode(
         np.testing.assert_array_equal(batch.rewards[row, :used], np.where(reached, 0.0, -1.0))
         np.testing.assert_array_equal(batch.terminated[row, :used], reached)
         np.testing.assert_array_equal(batch.truncated[row, :used], is_last & ~reached)
+
+
+@pytest.mark.parametrize("length", [1, 3, 4, 9])
+def test_every_step_is_learned_from_as_often_as_any_other(length: int) -> None:
+    lengths, n = [1, 6, 3, 2], 40_000
+    batch = record(lengths).buffer.sample_windows(n, length, 2)
+    counts = [np.zeros(steps) for steps in lengths]
+    for row in range(n):
+        first = int(batch.steps[row] + batch.burn_in[row])
+        counts[batch.ids[row]][first : int(batch.steps[row] + batch.lengths[row])] += 1
+    windows = sum(steps + length - 1 for steps in lengths)
+    expected = n * length / windows
+    for count in np.concatenate(counts):
+        assert abs(count - expected) < 6 * np.sqrt(expected), counts
+
+
+def test_strict_windows_are_full_and_equally_likely() -> None:
+    recording = record([1, 6, 3, 2, 4])
+    batch = recording.buffer.sample_windows(30_000, 3, 2, strict=True)
+    assert (batch.mask.sum(axis=1) == 3).all()
+    starts = list(zip(batch.ids.tolist(), (batch.steps + batch.burn_in).tolist(), strict=True))
+    expected = {(1, 0), (1, 1), (1, 2), (1, 3), (2, 0), (4, 0), (4, 1)}
+    assert set(starts) == expected
+    for start in expected:
+        assert abs(starts.count(start) - 30_000 / 7) < 6 * np.sqrt(30_000 / 7)
+    with pytest.raises(vhs.EmptyError, match="finished episode with as many steps as a window"):
+        recording.buffer.sample_windows(2, 7, strict=True)
+
+
+def test_a_window_goes_on_beyond_its_goal_and_says_where_that_was_reached() -> None:
+    batch = record([6]).buffer.sample_windows(200, 6, 0, "future", probability=1.0)
+    beyond = 0
+    for row in range(200):
+        reached = int(batch.goal_steps[row] - batch.steps[row] - 1)
+        if 0 <= reached < batch.lengths[row]:
+            assert np.flatnonzero(batch.terminated[row]).tolist() == [reached]
+            beyond += int(batch.lengths[row]) - reached - 1
+    assert beyond > 0
 
 
 def test_a_function_judges_every_step_of_every_window_in_one_call() -> None:

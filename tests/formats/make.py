@@ -62,7 +62,7 @@ def of_episodes(path: Path) -> str:
         *(getattr(batch, name) for name in ARRAYS),
         *(hindsight.goal_rows, hindsight.interactions, hindsight.selected),
         *(steps.ids, steps.steps, steps.goals, steps.goal_steps, steps.interactions, steps.rewards),
-        *(buffer.sample_episodes(7).ids, buffer.sample_windows(5, 2, 1).steps),
+        buffer.sample_episodes(7).ids,
     )
 
 
@@ -79,6 +79,12 @@ def make_goals(path: Path) -> None:
 def make_labels(path: Path) -> None:
     """Numbered actions, goals by class, three interactions, not in the order of their actions."""
     record(path, {"num_goals": 4, "num_actions": 6, "interactions": {5: 0, 3: 2, 4: 1}})
+
+
+def make_depths(path: Path) -> None:
+    """Actions that begin below 0, goals that are truth values, frames of 16 bits."""
+    goal = {"goals": "vectors", "goal_shape": (3,), "goal_dtype": "bool"}
+    record(path, {**goal, "dtype": "uint16", "num_actions": 6, "first_action": -2})
 
 
 def make_observations(path: Path) -> None:
@@ -135,10 +141,11 @@ def record(path: Path, kind: dict[str, object]) -> None:
 
 FILES = {
     "goals-1.vhs": (make_goals, of_goals),
-    "episodes-2-labels.vhs": (make_labels, of_episodes),
-    "episodes-2-observations.vhs": (make_observations, of_episodes),
-    "episodes-2-vectors.vhs": (make_vectors, of_episodes),
-    "episodes-2-channels.vhs": (make_channels, of_episodes),
+    "episodes-3-labels.vhs": (make_labels, of_episodes),
+    "episodes-3-observations.vhs": (make_observations, of_episodes),
+    "episodes-3-vectors.vhs": (make_vectors, of_episodes),
+    "episodes-3-channels.vhs": (make_channels, of_episodes),
+    "episodes-3-depths.vhs": (make_depths, of_episodes),
 }
 
 

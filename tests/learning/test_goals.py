@@ -17,7 +17,7 @@ from .parts import DIM, GOALS, fill_store, make_batch, small_learner
 def hindsight(learner: Learner, reached: Tensor) -> Tensor:
     """The goals of episodes that saw `reached` at their ends."""
     batch = make_batch([Outcome.FAILURE] * len(reached))
-    return learner.goals.hindsight(learner.agent, batch, batch.offsets + batch.lengths, reached)
+    return learner.goals.hindsight(learner.agent, batch, batch.offsets + batch.lengths, reached, reached[:0])
 
 
 def everything(goals: Goals) -> list[Tensor]:

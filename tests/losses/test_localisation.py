@@ -24,16 +24,16 @@ def test_cross_entropy_by_hand() -> None:
     logits[1, 0, 0] = 4.0
     bearings = torch.tensor([[0.4, -3.0, 0.7], [-0.49, 0.0, 0.0]])
     valid = torch.tensor([[1.0, 1.0, 1.0], [1.0, 0.0, 0.0]])
-    # In view, out of view, at the edge; then in view, and the episode is over. Others had 6 steps.
-    expected = (surprise(2.0, True) + surprise(-1.0, False) + surprise(4.0, True)) / 10
-    loss = localisation_loss(logits, torch.tensor([1, 0]), bearings, valid, torch.tensor(10.0), *VIEW)
+    # In view, out of view, at the edge; then in view, and the episode is over.
+    expected = (surprise(2.0, True) + surprise(-1.0, False) + surprise(4.0, True)) / 3
+    loss = localisation_loss(logits, torch.tensor([1, 0]), bearings, valid, *VIEW)
     assert loss.item() == pytest.approx(expected)
 
 
 def test_only_the_class_that_was_reached_is_taught() -> None:
     logits = torch.zeros(1, 2, 3, requires_grad=True)
     bearings, valid = torch.tensor([[0.0, 2.0]]), torch.ones(1, 2)
-    localisation_loss(logits, torch.tensor([2]), bearings, valid, valid.sum(), *VIEW).backward()
+    localisation_loss(logits, torch.tensor([2]), bearings, valid, *VIEW).backward()
     expected = torch.tensor([[[0.0, 0.0, -0.25], [0.0, 0.0, 0.25]]])
     torch.testing.assert_close(logits.grad, expected)
 
@@ -41,7 +41,7 @@ def test_only_the_class_that_was_reached_is_taught() -> None:
 def test_without_an_answer_nothing_is_learned() -> None:
     logits = torch.zeros(1, 1, 3, requires_grad=True)
     aside, valid = torch.full((1, 1), 0.7), torch.ones(1, 1)
-    loss = localisation_loss(logits, torch.tensor([0]), aside, valid, valid.sum(), *VIEW)
+    loss = localisation_loss(logits, torch.tensor([0]), aside, valid, *VIEW)
     loss.backward()
     assert loss.item() == 0.0
     assert logits.grad is not None
@@ -62,7 +62,6 @@ def test_tensors_that_do_not_fit_are_named(change: dict[str, Tensor], message: s
         "labels": torch.zeros(2, dtype=torch.int64),
         "bearings_rad": torch.zeros(2, 5),
         "valid": torch.ones(2, 5),
-        "steps": torch.tensor(10.0),
     }
     with pytest.raises(ShapeError, match=message):
         localisation_loss(**(good | change), in_view_rad=0.5, out_of_view_rad=0.9)

@@ -70,7 +70,7 @@ def test_goal_dictionaries_are_recorded_step_by_step() -> None:
         np.testing.assert_array_equal(batch.achieved_goals, places)
         np.testing.assert_array_equal(batch.observations[:, 0], places)
         np.testing.assert_array_equal(batch.desired_goals[0], steps[0][0]["desired_goal"])
-        assert batch.actions[0].tolist() == [int(step[1][0]) + 1 for step in steps[1:]]
+        assert batch.actions[0].tolist() == [int(step[1][0]) for step in steps[1:]]
         assert batch.rewards[0].tolist() == [step[1][1] for step in steps[1:]]
         assert not batch.terminated[0]  # cut off after six steps, reached or not
         reached = steps[-1][1][-1]["is_success"]

@@ -189,6 +189,18 @@ def test_kept_arrays_never_change_and_dropped_ones_are_recycled() -> None:
         assert len(pool._blocks) == before
 
 
+def test_an_array_of_few_rows_does_not_hold_the_memory_of_all() -> None:
+    with RolloutPool(Ledger, 1, 16, seed=0) as pool:
+        for count in (1, 3, 4, 16):
+            pool.reset(list(range(count)))
+            batch = pool.recv()
+            array = batch.observation["bytes"]
+            assert np.shares_memory(array, batch.observation["bytes"])
+            held = array if array.base is None else array.base
+            assert (held.nbytes == array.nbytes) == (4 * count < 16)
+            assert batch.observation["seed"].tolist() == batch.seeds.tolist()
+
+
 def test_a_call_reaches_every_environment() -> None:
     with RolloutPool(Ledger, 2, 2, seed=0) as pool:
         assert pool.call("double", 21) == (42, 42, 42, 42)

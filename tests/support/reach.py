@@ -43,7 +43,7 @@ class Reach(gymnasium.Env[Any, Any]):
     def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[dict[str, Any], dict[str, Any]]:
         rng = np.random.default_rng(seed)
         self.place, self.t = np.zeros(2, np.float32), 0
-        angle = rng.integers(8) * np.pi / 4
+        angle = rng.integers(4) * np.pi / 2
         self.target = np.array([np.cos(angle), np.sin(angle)], np.float32) * 0.8
         return self.observe(), {}
 

@@ -72,6 +72,21 @@ def test_weights_are_halved_and_prototypes_are_not(run: Path, exported: Path) ->
         np.testing.assert_array_equal(*states)
 
 
+def test_the_head_that_localises_travels_along(tmp_path: Path) -> None:
+    config = configured("method.localisation_weight=1")
+    (tmp_path / "agent").write_bytes(encoded(config))
+    other = make_policy(config.model_copy(update={"seed": 1}))
+    read_agent(tmp_path / "agent", other.agent, other.goals)
+    first, second = make_policy(config).agent.sight, other.agent.sight
+    assert first is not None
+    assert second is not None
+    for name, weight in first.state_dict().items():
+        assert torch.equal(second.state_dict()[name], weight.half().float()), name
+    without = make_policy(configured())
+    with pytest.raises(CheckpointError, match=r"`agent\.sight\.0\.bias`: expected shape none"):
+        read_agent(tmp_path / "agent", without.agent, without.goals)
+
+
 def test_the_directory_says_what_trained_the_agent(run: Path, exported: Path) -> None:
     assert sorted(path.name for path in exported.iterdir()) == [
         "agent.safetensors",

@@ -160,6 +160,13 @@ def test_an_extractor_of_ones_own_by_name_and_as_an_object(tmp_path: Path) -> No
     assert ours["extractor.network.layer.weight"].shape == (16, 16 * 16 * 6)
 
 
+def test_an_extractor_of_ones_own_takes_frames_that_no_other_takes(tmp_path: Path) -> None:
+    task = with_frames(lambda frame: frame.astype(np.float32) / 255)
+    config = toy_config("a3c", "train.episodes=24")
+    assert train(config, tmp_path, StringIO(), task=task, extractor=flat)
+    assert load_agent(tmp_path, task, flat).trained_episodes == 24
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [

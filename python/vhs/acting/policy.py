@@ -94,7 +94,7 @@ def make_policy(
     check_runnable(config, task)
     spec = task.spec()
     config = settled(config, spec)
-    check_spec(config, task, spec)
+    check_spec(config, task, spec, is_own=extractor is not None)
     agent, dtype = make_agent(config, spec, extractor), convolution_dtype(config)
     goals = make_goals(config, agent, spec, dtype)
     return Policy(config, agent, goals, dtype, task, spec)

@@ -157,9 +157,9 @@ def check_runnable(config: Config, task: Task | None = None) -> None:
 
 def settled(config: Config, spec: TaskSpec) -> Config:
     """The same configuration with what a task decides filled in: keys of `method` that are null."""
-    can_localise = spec.moves is not None and "localise" in config.method.row.terms
+    can_localise = spec.can_localise and "localise" in config.method.row.terms
     own = {
-        "localisation_weight": 3.0 if can_localise else 0.0,
+        "localisation_weight": 1.0 if can_localise else 0.0,
         "supcon_batch": max(16, 2 * spec.num_goals),
         "relabel_on": ("failure",) if spec.goals == "labels" else ("failure", "timeout"),
     }
@@ -183,15 +183,21 @@ def check_goals(config: Config, num_goals: int) -> None:
         )
 
 
-def check_spec(config: Config, task: Task, spec: TaskSpec) -> None:
+def check_spec(config: Config, task: Task, spec: TaskSpec, *, is_own: bool = False) -> None:
     """Check that the networks and losses that there are fit a task.
+
+    Args:
+        config: settled.
+        task: in its own words.
+        spec: what follows from it.
+        is_own: whether the feature extractor is the user's, whatever `model.extractor` says.
 
     Raises:
         ConfigError: goals, actions or frames of a kind that they do not take, or something not said.
     """
-    method, own = config.method, config.model.extractor is not None
+    method, own = config.method, is_own or config.model.extractor is not None
     is_picture = len(spec.frame_shape) == 3 and np.dtype(spec.frame_dtype) == np.uint8
-    if spec.goals == "labels" or spec.num_goals > 1:
+    if spec.has_classes:
         check_goals(config, spec.num_goals)
     if not (is_picture or own or len(spec.frame_shape) == 1):
         raise ConfigError(
@@ -205,12 +211,13 @@ def check_spec(config: Config, task: Task, spec: TaskSpec) -> None:
             f"task {task.name}: expected frames uint8, of which images of reached goals are kept for "
             f"{', '.join(needs)}, found {np.dtype(spec.frame_dtype)}; method.name = a3c keeps none"
         )
-    if method.localisation_weight and spec.moves is None:
+    if method.localisation_weight and not spec.can_localise:
         raise ConfigError(
-            f"method.localisation_weight: expected 0 or null, as task {task.name} has no `moves` that say "
-            f"what its actions do to the pose, found {method.localisation_weight}"
+            f"method.localisation_weight: expected 0 or null, as task {task.name} has not all of `moves` "
+            "(what its actions do to the pose), goals that are classes, and pictures, "
+            f"found {method.localisation_weight}"
         )
-    if spec.goals != "labels" and spec.num_goals == 1 and "discriminator" in method.row.terms:
+    if not spec.has_classes and "discriminator" in method.row.terms:
         raise ConfigError(
             f"method.name: expected one without a goal-discriminator, as task {task.name} names no goal "
             f"classes, found {method.name}"

@@ -152,8 +152,8 @@ class MethodSection(_Section):
     """Weight of GDAN's goal-discriminator loss (Kim et al. 2021, their code: 0.5)."""
     localisation_weight: Annotated[NonNegativeFloat | None, _LOCALISE] = 0.0
     """Weight of hindsight localisation: whether what an episode reached was in view at each of its steps, by
-    dead reckoning from its end (the paper has none); null is 3 where the task says what actions do to the
-    pose, and 0 elsewhere."""
+    dead reckoning from its end (the paper has none); null is 1 where the task says what actions do to the
+    pose (`moves`), and 0 elsewhere."""
     localisation_ahead_m: Annotated[NonNegativeFloat, _LOCALISE] = 0.5
     """Metres in front of an episode's last pose at which what it reached is taken to lie."""
     localisation_in_view_deg: Annotated[Degrees, _LOCALISE] = 28.0

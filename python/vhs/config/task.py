@@ -52,6 +52,7 @@ class MotionWords(_Words):
     """`vhs.Move`, or `vhs.Turn` where `deg` is given."""
 
     forward_m: float = 0.0
+    left_m: float = 0.0
     deg: float | None = None
 
 

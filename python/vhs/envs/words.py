@@ -73,5 +73,5 @@ def task_of_words(words: Mapping[str, Any]) -> Task:
     return Task(**fields)
 
 
-def _motion(forward_m: float, deg: float | None) -> Motion:
-    return Move(forward_m=forward_m) if deg is None else Turn(deg=deg)
+def _motion(forward_m: float, left_m: float, deg: float | None) -> Motion:
+    return Move(forward_m=forward_m, left_m=left_m) if deg is None else Turn(deg=deg)

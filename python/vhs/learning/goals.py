@@ -74,13 +74,22 @@ class Goals(Protocol):
         """
         ...
 
-    def instructed(self, agent: GoalAgent, batch: EpisodeBatch, acted: Tensor) -> Tensor:
+    def pictures(self, batch: EpisodeBatch, rows: NDArray[np.int64]) -> NDArray[Any] | None:
+        """Pictures of goals that an update embeds with its observations; `rows` as for `hindsight`.
+
+        Returns:
+            [n, *observation_shape]; None where observations and stored images are enough.
+        """
+        ...
+
+    def instructed(self, agent: GoalAgent, batch: EpisodeBatch, acted: Tensor, shown: Tensor) -> Tensor:
         """The goal embeddings under which an update looks at lived episodes.
 
         Args:
             agent: one that learns, whose words get the gradient.
             batch: the episodes, with what each was told.
             acted: what it acted under, float32 [B, feature_dim].
+            shown: features of `pictures`, [n, feature_dim]; of none where there are none.
 
         Returns:
             float32 [B, feature_dim].
@@ -88,7 +97,12 @@ class Goals(Protocol):
         ...
 
     def hindsight(
-        self, agent: GoalAgent, batch: EpisodeBatch, rows: NDArray[np.int64], reached: Tensor
+        self,
+        agent: GoalAgent,
+        batch: EpisodeBatch,
+        rows: NDArray[np.int64],
+        reached: Tensor,
+        shown: Tensor,
     ) -> Tensor:
         """The goals of relabelled episodes.
 
@@ -96,7 +110,8 @@ class Goals(Protocol):
             agent: one that learns.
             batch: the episodes.
             rows: of their packed observations, those that reached the goals, shape [R].
-            reached: f of those, constants, float32 [R, feature_dim].
+            reached: f of those, float32 [R, feature_dim].
+            shown: as for `instructed`.
 
         Returns:
             float32 [R, feature_dim].
@@ -177,6 +192,10 @@ class ClassGoals(Goals):
         """Whether the store holds `method.warmup` images."""
         return len(self.store) >= self._method.warmup
 
+    def pictures(self, batch: EpisodeBatch, rows: NDArray[np.int64]) -> NDArray[Any] | None:
+        """None: a class is told by its name."""
+        return None
+
     def recognise(self, reached: Tensor) -> Tensor | None:
         """The prototype nearest in angle; None without any, and before `is_warm`.
 
@@ -249,18 +268,25 @@ class PrototypeGoals(ClassGoals):
         vectors = self.prototypes.table if self.prototypes.seen[told] else self._noise
         return to_device(vectors[told].copy(), self._device)
 
-    def instructed(self, agent: GoalAgent, batch: EpisodeBatch, acted: Tensor) -> Tensor:
+    def instructed(self, agent: GoalAgent, batch: EpisodeBatch, acted: Tensor, shown: Tensor) -> Tensor:
         """What the episodes acted under: prototypes are constants in every loss."""
         return acted
 
     def hindsight(
-        self, agent: GoalAgent, batch: EpisodeBatch, rows: NDArray[np.int64], reached: Tensor
+        self,
+        agent: GoalAgent,
+        batch: EpisodeBatch,
+        rows: NDArray[np.int64],
+        reached: Tensor,
+        shown: Tensor,
     ) -> Tensor:
         """The prototype nearest in angle to each f(o_T), or f(o_T) itself, as `method.hindsight_goal` says.
 
-        Without any prototype, and before goals can be told apart, it is f(o_T). A class that nothing was
-        reached of yet has no prototype and names nothing.
+        Without any prototype, and before goals can be told apart, it is f(o_T). A class that was never
+        reached has none, names nothing and holds up nothing. The goal is a constant: a gradient could make it
+        easy instead of the policy good.
         """
+        reached = reached.detach()
         nearest = None if self._method.hindsight_goal == "feature" else self.recognise(reached)
         return reached if nearest is None else to_device(self.prototypes.table, self._device)[nearest]
 
@@ -292,16 +318,21 @@ class WordGoals(ClassGoals):
         """A copy of the word, without a gradient."""
         return _words(self._agent).weight[told].detach().clone()
 
-    def instructed(self, agent: GoalAgent, batch: EpisodeBatch, acted: Tensor) -> Tensor:
+    def instructed(self, agent: GoalAgent, batch: EpisodeBatch, acted: Tensor, shown: Tensor) -> Tensor:
         """The words as `agent` has them, looked up anew so that they learn."""
         found: Tensor = _words(agent)(to_device(batch.goals, acted.device))
         return found
 
     def hindsight(
-        self, agent: GoalAgent, batch: EpisodeBatch, rows: NDArray[np.int64], reached: Tensor
+        self,
+        agent: GoalAgent,
+        batch: EpisodeBatch,
+        rows: NDArray[np.int64],
+        reached: Tensor,
+        shown: Tensor,
     ) -> Tensor:
-        """f(o_T): no word says what was reached by mistake."""
-        return reached
+        """f(o_T), a constant: no word says what was reached by mistake."""
+        return reached.detach()
 
 
 def _words(agent: GoalAgent) -> torch.nn.Embedding:

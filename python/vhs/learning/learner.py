@@ -57,8 +57,8 @@ class _Pass(NamedTuple):
 class Learner:
     """Agent, goals and optimiser: what an update changes.
 
-    Goals made of images are constants in every loss, goal words are learned. The terms are those of the
-    method's row in `vhs.learning.methods`.
+    Prototypes are constants in every loss; goal words, and what embeds pictures and vectors, learn. The terms
+    are those of the method's row in `vhs.learning.methods`.
     """
 
     def __init__(
@@ -172,24 +172,30 @@ class Learner:
         """Terms of one share and, in `agent`, the gradients of their sum."""
         agent.train()
         agent.zero_grad(set_to_none=True)
-        features, image_features = self._embed(agent, share)
-        terms = self._evaluate(self._forward(agent, share, features, image_features))
+        features, image_features, shown = self._embed(agent, share)
+        terms = self._evaluate(self._forward(agent, share, features, image_features, shown))
         weighted = [self._weight(self._terms[name]) * term for name, term in terms.items()]
         loss = torch.stack([*weighted, features.new_zeros(())]).sum()
         if loss.requires_grad:  # a method without rewards may have nothing to imitate
             loss.backward()  # type: ignore[no-untyped-call]
         return Learned({name: term.detach() for name, term in terms.items()}, image_features.detach())
 
-    def _embed(self, agent: GoalAgent, share: Share) -> tuple[Tensor, Tensor]:
-        """Features of the episodes' observations and of the goal images, by one pass."""
-        observations = self._tensor(share.batch.observations)
-        count = len(observations)
+    def _embed(self, agent: GoalAgent, share: Share) -> tuple[Tensor, Tensor, Tensor]:
+        """Features of the episodes' observations, of goal images and of other pictures of goals, at once."""
+        batch, parts = share.batch, [self._tensor(share.batch.observations)]
         if share.images is not None:
-            observations = torch.cat([observations, share.images.observations])
-        features = agent.extractor(observations, self.dtype)
-        return features[:count], features[count:]
+            parts.append(share.images.observations)
+        pictures = self.goals.pictures(batch, share.hindsight.goal_rows[share.hindsight.selected])
+        if pictures is not None:
+            parts.append(self._tensor(pictures))
+        features = agent.extractor(torch.cat(parts) if len(parts) > 1 else parts[0], self.dtype)
+        count, shown = len(parts[0]), 0 if pictures is None else len(pictures)
+        own, images, others = torch.split(features, [count, len(features) - count - shown, shown])
+        return own, images, others
 
-    def _forward(self, agent: GoalAgent, share: Share, features: Tensor, image_features: Tensor) -> Forward:
+    def _forward(
+        self, agent: GoalAgent, share: Share, features: Tensor, image_features: Tensor, shown: Tensor
+    ) -> Forward:
         """Run the LSTM once, over lived and relabelled episodes as far as terms read them."""
         batch = share.batch
         length = batch.actions.shape[1]
@@ -198,7 +204,7 @@ class Learner:
         steps = torch.arange(length + int(is_cut.any()), device=self._device)
         rows = (self._tensor(batch.offsets).unsqueeze(1) + steps).clamp(max=len(features) - 1)
         sequences = features[rows]
-        passes = self._passes(agent, share, features, sequences)
+        passes = self._passes(agent, share, features, sequences, shown)
         passed: dict[str, Episodes] = {}
         if passes:
             policy, values, _ = agent(*map(torch.cat, zip(*(one.inputs for one in passes), strict=True)))
@@ -214,7 +220,7 @@ class Learner:
                     self._beyond(batch, one.rows, seen) if is_cut.any() else None,
                 )
         images = None if share.images is None else Images(image_features, share.images.labels)
-        reached = self._reached(batch, features, sequences) if "reached" in self._over else None
+        reached = self._reached(batch, features, sequences[:, :length]) if "reached" in self._over else None
         parts = (passed.get("lived"), passed.get("relabelled"), images, reached)
         return Forward(agent, batch, *parts, self._method, self._train, self._success_reward)
 
@@ -223,19 +229,21 @@ class Learner:
         last = values.gather(1, self._tensor(batch.lengths[rows]).unsqueeze(1)).squeeze(1)
         return last.detach() * self._tensor(~batch.terminated[rows])
 
-    def _passes(self, agent: GoalAgent, share: Share, features: Tensor, sequences: Tensor) -> list[_Pass]:
+    def _passes(
+        self, agent: GoalAgent, share: Share, features: Tensor, sequences: Tensor, shown: Tensor
+    ) -> list[_Pass]:
         """What the LSTM has to run over, of features of each episode, shape [B, T, feature_dim]."""
         batch, hindsight = share.batch, share.hindsight
         passes = []
         if "lived" in self._over:
             everything = np.arange(len(batch.lengths))
-            goals = self.goals.instructed(agent, batch, share.goals)
+            goals = self.goals.instructed(agent, batch, share.goals, shown)
             passes.append(_Pass("lived", everything, (sequences, goals, self._tensor(batch.interactions))))
         selected = np.flatnonzero(hindsight.selected)
         if len(selected):
             chosen = self._tensor(selected)
             rows = hindsight.goal_rows[selected]
-            goals = self.goals.hindsight(agent, batch, rows, features[self._tensor(rows)].detach())
+            goals = self.goals.hindsight(agent, batch, rows, features[self._tensor(rows)], shown)
             done = self._tensor(hindsight.interactions)[chosen]
             passes.append(_Pass("relabelled", selected, (sequences[chosen], goals, done)))
         return passes

@@ -35,17 +35,19 @@ class Reckoned(NamedTuple):
 class Reckoning:
     """Finds what episodes reached in the eyes of each of their steps."""
 
-    def __init__(self, moves: Mapping[int, tuple[float, float]], spec: TaskSpec, ahead_m: float) -> None:
+    def __init__(
+        self, moves: Mapping[int, tuple[float, float, float]], spec: TaskSpec, ahead_m: float
+    ) -> None:
         """Take what is known of a task.
 
         Args:
-            moves: action -> metres forward, then radians to the left; the other actions do not move.
+            moves: action -> metres forward, metres and radians to the left; the others do not move.
             spec: of the task: how many actions, and the channels of a frame.
             ahead_m: what is reached lies so far in front of an episode's last pose.
         """
-        self._moves = np.zeros((spec.num_actions, 2), np.float32)
-        for action, move in moves.items():
-            self._moves[action] = move
+        self._moves = np.zeros((spec.num_actions, 3), np.float32)
+        for action, change in moves.items():
+            self._moves[action] = change
         self._channels = spec.frame_shape[-1]
         self._ahead_m = ahead_m
 
@@ -60,7 +62,7 @@ class Reckoning:
 
     def _blocked(self, batch: EpisodeBatch, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Strides after which the newest frame is the one before, bool [R, T]."""
-        strides: NDArray[np.bool_] = (self._moves[batch.actions[rows], 0] != 0) & batch.mask[rows]
+        strides: NDArray[np.bool_] = self._moves[batch.actions[rows], :2].any(axis=-1) & batch.mask[rows]
         where, steps = np.nonzero(strides)
         before = batch.offsets[rows][where] + steps
         frames = batch.observations[:, ::EVERY, ::EVERY, -self._channels :]
@@ -72,7 +74,7 @@ class Reckoning:
 
 
 def make_reckoning(method: MethodSection, spec: TaskSpec) -> Reckoning | None:
-    """The reckoning of a method on a task; None where the method does without, or nobody knows `moves`."""
-    if not method.localisation_weight or spec.moves is None:
+    """The reckoning of a method that was settled for a task; None where it does without."""
+    if not (method.localisation_weight and spec.moves):
         return None
     return Reckoning(spec.moves, spec, method.localisation_ahead_m)

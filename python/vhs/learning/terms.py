@@ -204,7 +204,6 @@ def _localise(x: Forward) -> Tensor:
         reached.labels,
         reached.bearings_rad,
         reached.valid,
-        x.steps,
         math.radians(method.localisation_in_view_deg),
         math.radians(method.localisation_out_of_view_deg),
     )

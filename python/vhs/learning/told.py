@@ -7,6 +7,8 @@ them beside, the losses on goal images apply.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -36,25 +38,48 @@ class _ToldGoals(ClassGoals):
 
 
 class PictureGoals(_ToldGoals):
-    """Goals that are observations: f(picture) names one, by running statistics as when acting."""
+    """Goals that are observations: f(picture) names one."""
+
+    frame_stack = 1
+    """Frames in an observation."""
 
     def embedding(self, told: Told) -> Tensor:
-        """Features of one picture, shape `observation_shape`."""
+        """Features of one picture, shape `observation_shape`, by running statistics."""
         self._agent.eval()
         with torch.no_grad():
             picture = to_device(np.ascontiguousarray(told)[None], self._device)
             found: Tensor = self._agent.extractor(picture, self._dtype)[0]
         return found
 
-    def instructed(self, agent: GoalAgent, batch: EpisodeBatch, acted: Tensor) -> Tensor:
-        """What the episodes acted under: pictures are constants in every loss."""
-        return acted
+    def pictures(self, batch: EpisodeBatch, rows: NDArray[np.int64]) -> NDArray[Any] | None:
+        """The goals told, then the newest frames of those reached, still as a goal that is told is.
+
+        An observation that was lived shows motion, and with it the last action; a goal that is told does not.
+        """
+        assert batch.desired_goals is not None, "a buffer of observations"
+        return np.concatenate([batch.desired_goals, self._still(batch.observations[rows])])
+
+    def _still(self, observations: NDArray[Any]) -> NDArray[Any]:
+        """Stacks [n, *observation_shape] of their newest frame alone."""
+        is_picture = observations.ndim == 4  # channels of frames are stacked, else frames
+        axis = -1 if is_picture else 1
+        newest = np.split(observations, self.frame_stack, axis)[-1]
+        return np.concatenate([newest] * self.frame_stack, axis)
+
+    def instructed(self, agent: GoalAgent, batch: EpisodeBatch, acted: Tensor, shown: Tensor) -> Tensor:
+        """Features of the pictures told, with a gradient: nothing else teaches f what of a goal matters."""
+        return shown[: len(batch.lengths)]
 
     def hindsight(
-        self, agent: GoalAgent, batch: EpisodeBatch, rows: NDArray[np.int64], reached: Tensor
+        self,
+        agent: GoalAgent,
+        batch: EpisodeBatch,
+        rows: NDArray[np.int64],
+        reached: Tensor,
+        shown: Tensor,
     ) -> Tensor:
-        """f(o_T)."""
-        return reached
+        """Features of the newest frames, with a gradient."""
+        return shown[len(batch.lengths) :]
 
 
 class VectorGoals(_ToldGoals):
@@ -65,13 +90,18 @@ class VectorGoals(_ToldGoals):
         with torch.no_grad():
             return self._agent.embed_vectors(self._vectors(np.asarray(told)[None]))[0]
 
-    def instructed(self, agent: GoalAgent, batch: EpisodeBatch, acted: Tensor) -> Tensor:
+    def instructed(self, agent: GoalAgent, batch: EpisodeBatch, acted: Tensor, shown: Tensor) -> Tensor:
         """The vectors told, embedded anew so that their network learns."""
         assert batch.desired_goals is not None, "a buffer of vectors"
         return agent.embed_vectors(self._vectors(batch.desired_goals))
 
     def hindsight(
-        self, agent: GoalAgent, batch: EpisodeBatch, rows: NDArray[np.int64], reached: Tensor
+        self,
+        agent: GoalAgent,
+        batch: EpisodeBatch,
+        rows: NDArray[np.int64],
+        reached: Tensor,
+        shown: Tensor,
     ) -> Tensor:
         """The vectors that were reached."""
         assert batch.achieved_goals is not None, "a buffer of vectors"
@@ -93,10 +123,13 @@ def make_goals(config: Config, agent: GoalAgent, spec: TaskSpec, dtype: torch.dt
         "vectors": VectorGoals,
     }
     shape = agent.extractor.observation_shape
-    return kinds[spec.goals](
+    goals = kinds[spec.goals](
         agent,
         GoalStore(spec.num_goals, shape, method.goal_capacity, seed=config.seed),
         Prototypes(spec.num_goals, config.model.feature_dim, momentum=momentum, seed=config.seed),
         method,
         dtype,
     )
+    if isinstance(goals, PictureGoals):
+        goals.frame_stack = config.model.frame_stack
+    return goals

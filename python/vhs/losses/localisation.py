@@ -13,7 +13,6 @@ def localisation_loss(
     labels: Tensor,
     bearings_rad: Tensor,
     valid: Tensor,
-    steps: Tensor,
     in_view_rad: float,
     out_of_view_rad: float,
 ) -> Tensor:
@@ -27,14 +26,13 @@ def localisation_loss(
         labels: class that each episode reached, int64, shape [B].
         bearings_rad: where it lay, 0 straight ahead, shape [B, T].
         valid: 1 inside the episode, 0 after its end, shape [B, T].
-        steps: number of steps to divide by, shape []. Those of *all* episodes of the update let a step weigh
-            as much as one of the RL loss, however few episodes reached something.
         in_view_rad: bearings of less, to either side, are in view.
         out_of_view_rad: bearings of more are not.
 
     Returns:
-        Binary cross-entropy in nats, summed over the steps that have an answer and divided by `steps`,
-        shape [].
+        Binary cross-entropy in nats, the mean over the steps that have an answer, shape []; 0 of none. A step
+        weighs more where few episodes reach something, unlike an imitated one: it says what things look like,
+        as goal images do, and that is needed most at first.
 
     Raises:
         ShapeError: the tensors do not fit together.
@@ -47,4 +45,4 @@ def localisation_loss(
     is_seen = aside < in_view_rad
     counted = valid * (is_seen | (aside > out_of_view_rad))
     surprise = binary_cross_entropy_with_logits(own, is_seen.to(own.dtype), reduction="none")
-    return (surprise * counted).sum() / steps.clamp(min=1)
+    return (surprise * counted).sum() / counted.sum().clamp(min=1)

@@ -38,6 +38,10 @@ _SCALARS = {
 """Columns in the order in which the core tells their offsets, and their types."""
 
 
+_FEW = 4
+"""Rows of which the block has more than so many times as many are few."""
+
+
 class Block:
     """Memory for one batch."""
 
@@ -120,11 +124,13 @@ class Blobs:
 class Batch:
     """Answers of some environments, in the order of their ids.
 
-    Arrays are made when asked for and share memory. Parts of observations that are no arrays, such as text,
-    are tuples with an item a row.
+    Arrays are made when asked for and share memory, that of the block; where few of its rows are used, an
+    array has memory of its own: one that is kept holds at most four times its size. A part of an array
+    holds all of it, as in numpy: copy a row that is to stay. Parts of observations that are no arrays, such
+    as text, are tuples with an item a row.
     """
 
-    __slots__ = ("_block", "_finals", "_infos", "_loose", "_loose_finals", "_nest", "_rows")
+    __slots__ = ("_block", "_copies", "_finals", "_infos", "_loose", "_loose_finals", "_nest", "_rows")
 
     def __init__(self, block: Block, rows: int, finals: int, nest: Nest) -> None:
         """View the first `rows` rows of a filled block, `finals` of which have a final observation."""
@@ -132,6 +138,7 @@ class Batch:
         self._rows = rows
         self._finals = finals
         self._nest = nest
+        self._copies: dict[int, NDArray[Any]] = {}
         self._infos: dict[int, dict[str, Any]] | None = None
         self._loose: Sequence[Sequence[Any]] = ()
         self._loose_finals: Sequence[Sequence[Any]] = ()
@@ -211,7 +218,7 @@ class Batch:
     @property
     def final_rows(self) -> NDArray[np.int64]:
         """Rows whose episode ended while the next one has begun already, int64 [m]."""
-        return self._block.columns["final_rows"][: self._finals]
+        return self._first(self._block.columns["final_rows"], self._finals)
 
     @property
     def final_observation(self) -> Any:
@@ -236,7 +243,16 @@ class Batch:
             self.infos[row] = content
 
     def _column(self, name: str) -> NDArray[Any]:
-        return self._block.columns[name][: self._rows]
+        return self._first(self._block.columns[name], self._rows)
 
     def _nested(self, leaves: Sequence[NDArray[Any]], rows: int, loose: Sequence[Sequence[Any]]) -> Any:
-        return self._nest.join_batch([leaf[:rows] for leaf in leaves], loose)
+        return self._nest.join_batch([self._first(leaf, rows) for leaf in leaves], loose)
+
+    def _first(self, array: NDArray[Any], rows: int) -> NDArray[Any]:
+        """The first rows of an array of the block: a view, or a copy, always the same, where they are few."""
+        if _FEW * rows >= len(array):
+            return array[:rows]
+        copy = self._copies.get(id(array))
+        if copy is None:
+            copy = self._copies[id(array)] = array[:rows].copy()
+        return copy

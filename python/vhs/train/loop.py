@@ -156,7 +156,7 @@ class Session:
         self.progress = Progress()
         self.dropped = 0
         """Episodes of the checkpoint that could not be brought back."""
-        check_spec(config, task, spec)
+        check_spec(config, task, spec, is_own=extractor is not None)
         self._learner = make_learner(config, spec, extractor)
         self._generator = torch.Generator().manual_seed(config.seed)
         self._window = Window()

@@ -23,7 +23,7 @@ fn play(buffer: &mut EpisodeBuffer) {
     };
     let frame = vec![0; config.frame_bytes()];
     let (actions, vectors) = match config.action_dim {
-        0 => (vec![0], Vec::new()),
+        0 => (vec![config.first_action], Vec::new()),
         dim => (Vec::new(), vec![0.0; dim]),
     };
     let opening = Opening {
@@ -70,6 +70,7 @@ fuzz_target!(|data: &[u8]| {
             let shape = WindowShape {
                 length: 2,
                 burn_in: 1,
+                is_strict: false,
             };
             buffer
                 .sample_windows(3, shape, Some(&rule), None)

@@ -120,6 +120,9 @@ pub enum Error {
         /// The cause.
         source: io::Error,
     },
+    /// The call was told to stop, and has changed nothing.
+    #[error("expected to go on, found a request to stop")]
+    Interrupted,
     /// A file is not one of ours, is cut short or has been altered.
     #[error("{}: `{field}`: expected {expected}, found {found}", path.display())]
     Damaged {
@@ -153,6 +156,7 @@ mod tests {
             | Error::UnknownEpisode { .. }
             | Error::Memory { .. }
             | Error::Io { .. }
+            | Error::Interrupted
             | Error::Damaged { .. } => true,
         }
     }

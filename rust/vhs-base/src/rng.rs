@@ -6,6 +6,8 @@
 //! a change of the file format. Of [`Rng::fill_normal`] that holds on one machine: the last bits of its logarithm
 //! and sines are the platform's.
 
+use crate::fork;
+
 /// Generator state: 256 bits, never all zero.
 ///
 /// ```
@@ -55,6 +57,16 @@ impl Rng {
     #[must_use]
     pub fn split(&mut self) -> Self {
         Self::new(self.next_u64())
+    }
+
+    /// Makes this generator one of this process, where it was made under `lineage`: in a forked child it goes on
+    /// from another state than its parent's and its siblings', in any other process from its own.
+    pub fn own(&mut self, lineage: &mut u64) {
+        let here = fork::lineage();
+        if *lineage != here {
+            *lineage = here;
+            *self = Self::new(self.next_u64() ^ here);
+        }
     }
 
     /// 64 random bits.

@@ -1,19 +1,22 @@
 //! Dead reckoning: where the end of an episode lay, seen from each of its steps.
 //!
-//! A pose looks along its own x axis, y is to its left. An action first moves the pose forward and then turns
-//! it, to the left where the angle is positive; what it does is known (`moves`), so the way can be walked
-//! backwards from the end. No map and no state of an environment is needed.
+//! A pose looks along its own x axis, y is to its left. An action first moves the pose and then turns it, to
+//! the left where the angle is positive; what it does is known (`moves`), so the way can be walked backwards
+//! from the end. No map and no state of an environment is needed.
 
 use crate::labels::class_of;
 use vhs_base::check::{self, check_finite, check_labels, check_shape};
 use vhs_base::error::{Error, Result};
+
+/// Numbers of a move: metres forward, metres to the left, radians to the left.
+const MOVE: usize = 3;
 
 /// Episodes of numbered actions, padded to `longest` steps.
 #[derive(Clone, Copy, Debug)]
 pub struct Walks<'a> {
     /// Actions, `[B, longest]`; what lies after an episode's end is not read.
     pub actions: &'a [i64],
-    /// Steps that went nowhere, `[B, longest]`: their way forward is not counted, their turn is.
+    /// Steps that went nowhere, `[B, longest]`: their way is not counted, their turn is.
     pub blocked: &'a [bool],
     /// Steps of each episode, `[B]`, in `0..=longest`.
     pub lengths: &'a [i64],
@@ -32,13 +35,14 @@ pub struct Bearings {
 
 /// Bearing and distance, at each step, of the point `ahead_m` metres in front of an episode's last pose.
 ///
-/// `moves` says what each action does, one after the other: metres forward, then radians to the left.
+/// `moves` says what each action does, one after the other: metres forward, metres to the left, then radians
+/// to the left.
 ///
 /// ```
 /// use std::f32::consts::FRAC_PI_2;
 /// use vhs_core::egomotion::{egomotion, Walks};
 /// // Action 0 strides a metre, action 1 turns left.
-/// let moves = [1.0, 0.0, 0.0, FRAC_PI_2];
+/// let moves = [1.0, 0.0, 0.0, 0.0, 0.0, FRAC_PI_2];
 /// let walks = Walks { actions: &[1, 0], blocked: &[false; 2], lengths: &[2], longest: 2 };
 /// let found = egomotion(walks, &moves, 0.0)?;
 /// assert!((found.bearing_rad[0] - FRAC_PI_2).abs() < 1e-6); // before the turn the end lay to the left
@@ -64,16 +68,16 @@ pub fn egomotion(walks: Walks<'_>, moves: &[f32], ahead_m: f64) -> Result<Bearin
         let steps = start..start + class_of(length);
         let (mut ahead, mut left) = (ahead_m, 0.0);
         for step in steps.rev() {
-            let action = class_of(walks.actions[step]);
-            let stride = if walks.blocked[step] {
-                0.0
+            let action = MOVE * class_of(walks.actions[step]);
+            let way = if walks.blocked[step] {
+                [0.0, 0.0]
             } else {
-                moves[2 * action]
+                [moves[action], moves[action + 1]].map(f64::from)
             };
-            let (sin, cos) = f64::from(moves[2 * action + 1]).sin_cos();
+            let (sin, cos) = f64::from(moves[action + 2]).sin_cos();
             (ahead, left) = (
-                cos * ahead - sin * left + f64::from(stride),
-                sin * ahead + cos * left,
+                cos * ahead - sin * left + way[0],
+                sin * ahead + cos * left + way[1],
             );
             (found.bearing_rad[step], found.distance_m[step]) = polar(ahead, left);
         }
@@ -88,8 +92,8 @@ impl Walks<'_> {
         check_shape("blocked", &[cells], &[self.blocked.len()])?;
         check_shape(
             "moves",
-            &[moves.len() / 2, 2],
-            &[moves.len().div_ceil(2), 2],
+            &[moves.len() / MOVE, MOVE],
+            &[moves.len().div_ceil(MOVE), MOVE],
         )?;
         check_finite("moves", moves)?;
         check_labels("lengths", self.lengths, self.longest + 1)?;
@@ -103,7 +107,7 @@ impl Walks<'_> {
         for (row, &length) in self.lengths.iter().enumerate() {
             let start = row * self.longest;
             let steps = &self.actions[start..start + class_of(length)];
-            check_labels("actions", steps, moves.len() / 2).map_err(|error| match error {
+            check_labels("actions", steps, moves.len() / MOVE).map_err(|error| match error {
                 Error::Label {
                     field,
                     index,

@@ -28,6 +28,12 @@ pub(crate) const fn item_name(item: Item) -> &'static str {
         Item::I64 => "int64",
         Item::F32 => "float32",
         Item::F64 => "float64",
+        Item::U16 => "uint16",
+        Item::I16 => "int16",
+        Item::U32 => "uint32",
+        Item::U64 => "uint64",
+        Item::F16 => "float16",
+        Item::Bool => "bool",
         _ => "uint8",
     }
 }
@@ -63,6 +69,14 @@ pub(crate) fn bytes_of<'py>(
     check_type(field, &array, item)?;
     check_shape(field, shape, array.shape()).map_err(to_py)?;
     let numpy = argument.py().import("numpy")?;
+    if item == Item::Bool {
+        // A byte that numpy calls a bool need not be 0 or 1: stored ones are, so that equal truths are equal bytes.
+        let bytes = numpy.call_method1("ascontiguousarray", (array,))?;
+        let bytes = bytes.call_method1("view", ("uint8",))?;
+        let truths = numpy.call_method1("not_equal", (bytes, 0))?;
+        let bytes = truths.call_method1("view", ("uint8",))?;
+        return readonly(field, bytes.cast::<PyArrayDyn<u8>>()?);
+    }
     // Also turns bytes of another order than the machine's, which a view would take as they are.
     let tidy = numpy.call_method1("ascontiguousarray", (array, item_name(item)))?;
     let bytes = tidy.call_method1("view", ("uint8",))?;

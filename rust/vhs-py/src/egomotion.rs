@@ -30,7 +30,7 @@ pub(crate) fn egomotion<'py>(
     let (blocked, moves) = (bools("blocked", blocked, &shape)?, reals("moves", moves)?);
     checked(check_shape(
         "moves",
-        &[moves.shape().first().copied().unwrap_or(1), 2],
+        &[moves.shape().first().copied().unwrap_or(1), 3],
         moves.shape(),
     ))?;
     let (actions, moves) = (slice(&actions), slice(&moves));

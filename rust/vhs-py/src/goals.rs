@@ -1,7 +1,6 @@
 //! `vhs.GoalStore`.
 
-use std::path::PathBuf;
-use std::sync::Mutex;
+use std::path::{Path, PathBuf};
 
 use numpy::{PyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -13,18 +12,20 @@ use vhs_core::goals::{self as core, Balance};
 use vhs_core::item::Item;
 
 use crate::arrays::{
-    checked, detached, exact, integer, integer_vec, into_array, rows, seed, shape, size, slice,
+    checked, exact, integer, integer_vec, into_array, rows, seed, shape, size, slice,
 };
 use crate::bytes::filled_bytes;
 use crate::episode_buffer::{EpisodeBuffer, stacking};
 use crate::error::no_pickle;
+use crate::interrupt::interruptible;
+use crate::shared::Shared;
 
 type Sample<'py> = (Bound<'py, PyAny>, Bound<'py, PyArrayDyn<i64>>);
 
 #[doc = stub!("GoalStore")]
 #[pyclass(frozen, module = "vhs._core")]
 pub(crate) struct GoalStore {
-    inner: Mutex<core::GoalStore>,
+    inner: Shared<core::GoalStore>,
     /// Shape of one image: fixed, so reading it needs no lock.
     shape: Vec<usize>,
 }
@@ -33,7 +34,7 @@ impl From<core::GoalStore> for GoalStore {
     fn from(store: core::GoalStore) -> Self {
         let shape = store.shape().to_vec();
         Self {
-            inner: Mutex::new(store),
+            inner: Shared::new(store),
             shape,
         }
     }
@@ -46,7 +47,15 @@ impl GoalStore {
         py: Python<'_>,
         call: impl FnOnce(&mut core::GoalStore) -> Result<R> + Send,
     ) -> PyResult<R> {
-        checked(detached(py, &self.inner, call))
+        checked(self.inner.detached(py, call))
+    }
+
+    /// A save that holds the store for moments only.
+    fn save_to(&self, path: &Path) -> Result<()> {
+        let saving = self.inner.with(core::GoalStore::begin_save)?;
+        let saved = saving.write(path, |read| self.inner.with(|store| read(store)));
+        self.inner.with(|store| store.end_save(&saving));
+        saved
     }
 }
 
@@ -86,7 +95,7 @@ impl GoalStore {
         );
         checked(check_shape("observation", &self.shape, image.shape()))?;
         let image = slice(&image);
-        checked(detached(py, &self.inner, |store| store.push(image, label)))
+        checked(self.inner.detached(py, |store| store.push(image, label)))
     }
 
     #[doc = stub!("GoalStore.collect")]
@@ -147,7 +156,7 @@ impl GoalStore {
         reason = "made from a Python path for this call"
     )]
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        self.run(py, |store| store.save(&path))
+        interruptible(py, || self.save_to(&path))
     }
 
     #[doc = stub!("GoalStore.load")]
@@ -159,7 +168,7 @@ impl GoalStore {
     )]
     fn load(py: Python<'_>, path: PathBuf, mmap: bool, stacking: &str) -> PyResult<Self> {
         let stacking = self::stacking(stacking)?;
-        let loaded = py.detach(|| {
+        let loaded = interruptible(py, || {
             if mmap {
                 // SAFETY: the stub passes the condition on to the caller.
                 unsafe { core::GoalStore::map(&path) }
@@ -171,7 +180,7 @@ impl GoalStore {
                 Stacking::Channels => store.into_channels(),
             })
         });
-        checked(loaded).map(Self::from)
+        loaded.map(Self::from)
     }
 
     #[doc = stub!("GoalStore.verify")]
@@ -181,7 +190,7 @@ impl GoalStore {
         reason = "made from a Python path for this call"
     )]
     fn verify(py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        checked(py.detach(|| core::GoalStore::verify(&path)))
+        interruptible(py, || core::GoalStore::verify(&path))
     }
 
     #[doc = stub!("GoalStore.counts")]
@@ -191,7 +200,7 @@ impl GoalStore {
         reason = "a count of images in memory is far below 2**63"
     )]
     fn counts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<i64>>> {
-        let counts: Vec<i64> = detached(py, &self.inner, |store| {
+        let counts: Vec<i64> = self.inner.detached(py, |store| {
             store.counts().map(|count| count as i64).collect()
         });
         let shape = [counts.len()];
@@ -201,7 +210,7 @@ impl GoalStore {
     #[doc = stub!("GoalStore.num_classes")]
     #[getter]
     fn num_classes(&self, py: Python<'_>) -> usize {
-        detached(py, &self.inner, |store| store.num_classes())
+        self.inner.detached(py, |store| store.num_classes())
     }
 
     #[doc = stub!("GoalStore.observation_shape")]
@@ -213,22 +222,22 @@ impl GoalStore {
     #[doc = stub!("GoalStore.capacity_per_class")]
     #[getter]
     fn capacity_per_class(&self, py: Python<'_>) -> usize {
-        detached(py, &self.inner, |store| store.capacity_per_class())
+        self.inner.detached(py, |store| store.capacity_per_class())
     }
 
     #[doc = stub!("GoalStore.nbytes")]
     #[getter]
     fn nbytes(&self, py: Python<'_>) -> usize {
-        detached(py, &self.inner, |store| store.allocated_bytes())
+        self.inner.detached(py, |store| store.allocated_bytes())
     }
 
     #[doc = stub!("GoalStore.__len__")]
     fn __len__(&self, py: Python<'_>) -> usize {
-        detached(py, &self.inner, |store| store.len())
+        self.inner.detached(py, |store| store.len())
     }
 
     fn __repr__(&self, py: Python<'_>) -> String {
-        let counts: Vec<usize> = detached(py, &self.inner, |store| store.counts().collect());
+        let counts: Vec<usize> = self.inner.detached(py, |store| store.counts().collect());
         format!(
             "GoalStore(observation_shape={:?}, counts={counts:?})",
             self.shape

@@ -8,7 +8,7 @@ use vhs_base::error::Error;
 use vhs_core::reward as core;
 use vhs_core::strategy::{HindsightRule, Share, Strategy};
 
-use crate::arrays::{bools, checked, reals, size, slice, type_name};
+use crate::arrays::{bools, checked, into_array, reals, size, slice, type_name};
 use crate::error::{dtype, to_py};
 use crate::relabel::outcomes;
 
@@ -96,17 +96,26 @@ impl<'py> Reward<'py> {
         }
     }
 
-    /// Asks the user's function, once, about all rows of a batch.
+    /// Asks the user's function, once, about all rows of a batch; `steps` are their episodes and their steps in
+    /// them, which a function with a true `by_step` is told too.
     pub(crate) fn judge(
         &self,
         achieved: &Bound<'py, PyAny>,
         goals: &Bound<'py, PyAny>,
         shape: &[usize],
+        steps: impl FnOnce() -> (Vec<i64>, Vec<i64>),
     ) -> PyResult<Option<Judged>> {
         let Self::Function(function) = self else {
             return Ok(None);
         };
-        let answer = function.call1((achieved, goals))?;
+        let by_step = function.getattr_opt("by_step")?;
+        let answer = if by_step.map_or(Ok(false), |by_step| by_step.is_truthy())? {
+            let (py, (ids, steps)) = (function.py(), steps());
+            let steps = (into_array(py, ids, shape)?, into_array(py, steps, shape)?);
+            function.call1((achieved, goals, steps.0, steps.1))?
+        } else {
+            function.call1((achieved, goals))?
+        };
         let Ok(pair) = answer.cast::<PyTuple>() else {
             return Ok(Some((rewards(&answer, shape)?, None)));
         };

@@ -23,6 +23,7 @@ mod episode_buffer;
 mod error;
 mod goals;
 mod hindsight;
+mod interrupt;
 mod prototypes;
 mod raster;
 mod raster_arrays;
@@ -35,6 +36,7 @@ mod returns;
 mod rng;
 #[cfg(target_os = "linux")]
 mod rollout;
+mod shared;
 mod transitions;
 
 /// The compiled half of the Python package `vhs`.

@@ -1,7 +1,5 @@
 //! `vhs.Prototypes`.
 
-use std::sync::Mutex;
-
 use numpy::{PyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -10,14 +8,15 @@ use vhs_base::error::Result;
 use vhs_core::prototypes as core;
 
 use crate::arrays::{
-    bools, checked, detached, exact, filled, integer_vec, into_array, reals, rng_from_state, seed,
-    size, slice,
+    bools, checked, exact, filled, integer_vec, into_array, reals, rng_from_state, seed, size,
+    slice,
 };
+use crate::shared::Shared;
 
 #[doc = stub!("Prototypes")]
 #[pyclass(frozen, module = "vhs._core")]
 pub(crate) struct Prototypes {
-    inner: Mutex<core::Prototypes>,
+    inner: Shared<core::Prototypes>,
     num_classes: usize,
     dim: usize,
 }
@@ -29,7 +28,7 @@ impl Prototypes {
         py: Python<'_>,
         call: impl FnOnce(&mut core::Prototypes) -> Result<R> + Send,
     ) -> PyResult<R> {
-        checked(detached(py, &self.inner, call))
+        checked(self.inner.detached(py, call))
     }
 }
 
@@ -46,7 +45,7 @@ impl Prototypes {
     ) -> PyResult<Self> {
         let (num_classes, dim) = (size("num_classes", num_classes)?, size("dim", dim)?);
         let seed = seed.map_or(Ok(0), self::seed)?;
-        let inner = Mutex::new(checked(core::Prototypes::new(
+        let inner = Shared::new(checked(core::Prototypes::new(
             num_classes,
             dim,
             momentum,
@@ -92,7 +91,7 @@ impl Prototypes {
 
     #[doc = stub!("Prototypes.state_dict")]
     fn state_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let copy = detached(py, &self.inner, |table| table.clone());
+        let copy = self.inner.detached(py, |table| table.clone());
         let state = PyDict::new(py);
         state.set_item(
             "table",
@@ -117,22 +116,27 @@ impl Prototypes {
         let seen = bools("seen", &state.get_item("seen")?, &[self.num_classes])?;
         let rng = rng_from_state("rng", &state.get_item("rng")?)?;
         let table = slice(&table);
-        checked(detached(py, &self.inner, |prototypes| {
-            prototypes.restore(table, &seen, rng)
-        }))
+        checked(
+            self.inner
+                .detached(py, |prototypes| prototypes.restore(table, &seen, rng)),
+        )
     }
 
     #[doc = stub!("Prototypes.table")]
     #[getter]
     fn table<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-        let table = detached(py, &self.inner, |prototypes| prototypes.table().to_vec());
+        let table = self
+            .inner
+            .detached(py, |prototypes| prototypes.table().to_vec());
         into_array(py, table, &[self.num_classes, self.dim])
     }
 
     #[doc = stub!("Prototypes.seen")]
     #[getter]
     fn seen<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
-        let seen = detached(py, &self.inner, |prototypes| prototypes.seen().to_vec());
+        let seen = self
+            .inner
+            .detached(py, |prototypes| prototypes.seen().to_vec());
         into_array(py, seen, &[self.num_classes])
     }
 
@@ -151,11 +155,11 @@ impl Prototypes {
     #[doc = stub!("Prototypes.momentum")]
     #[getter]
     fn momentum(&self, py: Python<'_>) -> f64 {
-        detached(py, &self.inner, |prototypes| prototypes.momentum())
+        self.inner.detached(py, |prototypes| prototypes.momentum())
     }
 
     fn __repr__(&self, py: Python<'_>) -> String {
-        let seen = detached(py, &self.inner, |prototypes| {
+        let seen = self.inner.detached(py, |prototypes| {
             prototypes.seen().iter().filter(|&&seen| seen).count()
         });
         format!(

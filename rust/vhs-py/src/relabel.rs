@@ -1,7 +1,5 @@
 //! `vhs.relabel`, and the words of its arguments.
 
-use std::sync::{Mutex, PoisonError};
-
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 use vhs_base::error::Error;
@@ -30,13 +28,8 @@ pub(crate) fn relabel(
     let Ok(shared) = rng.cast::<Rng>() else {
         return Hindsight::from_core(py, rule.relabel(&batch.ends, &mut CoreRng::new(seed(rng)?)));
     };
-    let shared: &Mutex<CoreRng> = &shared.get().inner;
-    let hindsight = py.detach(|| {
-        rule.relabel(
-            &batch.ends,
-            &mut shared.lock().unwrap_or_else(PoisonError::into_inner),
-        )
-    });
+    let shared = &shared.get().inner;
+    let hindsight = shared.detached(py, |rng| rule.relabel(&batch.ends, rng));
     Hindsight::from_core(py, hindsight)
 }
 

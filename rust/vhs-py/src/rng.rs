@@ -1,17 +1,16 @@
 //! `vhs.Rng`: the seeded generator, as an argument of samplers.
 
-use std::sync::Mutex;
-
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use vhs_base::rng as core;
 
-use crate::arrays::{detached, into_array, rng_from_state, seed};
+use crate::arrays::{into_array, rng_from_state, seed};
+use crate::shared::Shared;
 
 #[doc = stub!("Rng")]
 #[pyclass(frozen, module = "vhs._core")]
 pub(crate) struct Rng {
-    pub(crate) inner: Mutex<core::Rng>,
+    pub(crate) inner: Shared<core::Rng>,
 }
 
 #[pymethods]
@@ -21,7 +20,7 @@ impl Rng {
     fn new(seed: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
         let seed = seed.map_or(Ok(0), self::seed)?;
         Ok(Self {
-            inner: Mutex::new(core::Rng::new(seed)),
+            inner: Shared::new(core::Rng::new(seed)),
         })
     }
 
@@ -29,14 +28,14 @@ impl Rng {
     #[staticmethod]
     fn from_state(state: &Bound<'_, PyAny>) -> PyResult<Self> {
         Ok(Self {
-            inner: Mutex::new(rng_from_state("state", state)?),
+            inner: Shared::new(rng_from_state("state", state)?),
         })
     }
 
     #[doc = stub!("Rng.state")]
     #[getter]
     fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<u64>>> {
-        let state = detached(py, &self.inner, |rng| rng.state());
+        let state = self.inner.detached(py, |rng| rng.state());
         into_array(py, state.to_vec(), &[4])
     }
 }

@@ -8,9 +8,9 @@ use vhs_core::windows::WindowIndex;
 
 use crate::arrays::into_array;
 
-/// The four large arrays of a batch: observations, next observations, goals and goals reached. A goal that
-/// the buffer does not have is None.
-pub(crate) type Large<'py> = [Option<Bound<'py, PyAny>>; 4];
+/// The large arrays of a batch: observations, next observations, goals, goals reached, and those reached a step
+/// before. A goal that the buffer does not have is None.
+pub(crate) type Large<'py> = [Option<Bound<'py, PyAny>>; 5];
 
 #[doc = stub!("TransitionBatch")]
 #[pyclass(frozen, get_all, module = "vhs._core")]
@@ -23,6 +23,8 @@ pub(crate) struct TransitionBatch {
     goals: Option<Py<PyAny>>,
     #[doc = stub!("TransitionBatch.achieved_goals")]
     achieved_goals: Option<Py<PyAny>>,
+    #[doc = stub!("TransitionBatch.previous_achieved_goals")]
+    previous_achieved_goals: Option<Py<PyAny>>,
     #[doc = stub!("TransitionBatch.actions")]
     actions: Py<PyAny>,
     #[doc = stub!("TransitionBatch.rewards")]
@@ -122,14 +124,20 @@ impl TransitionBatch {
         action_dim: usize,
     ) -> PyResult<Self> {
         let n = [index.rewards.len()];
-        let [observations, next_observations, goals, achieved_goals] =
-            large.map(|part| part.map(Bound::unbind));
+        let [
+            observations,
+            next_observations,
+            goals,
+            achieved_goals,
+            previous_achieved_goals,
+        ] = large.map(|part| part.map(Bound::unbind));
         let index_of_goals = Goals::from_core(py, index.goals)?;
         Ok(Self {
             observations,
             next_observations,
             goals,
             achieved_goals,
+            previous_achieved_goals,
             actions: actions(py, index.actions, index.vectors, &n, action_dim)?,
             rewards: into_array(py, index.rewards, &n)?.unbind(),
             terminated: into_array(py, index.terminated, &n)?.unbind(),
@@ -154,7 +162,7 @@ impl WindowBatch {
     ) -> PyResult<Self> {
         let n = [index.lengths.len()];
         let cells = [n[0], index.mask.len() / n[0].max(1)];
-        let [observations, _, goals, achieved_goals] = large.map(|part| part.map(Bound::unbind));
+        let [observations, _, goals, achieved_goals, _] = large.map(|part| part.map(Bound::unbind));
         let index_of_goals = Goals::from_core(py, index.goals)?;
         Ok(Self {
             observations,

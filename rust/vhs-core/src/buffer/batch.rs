@@ -13,6 +13,7 @@ use crate::storage::pool::Bytes;
 use crate::storage::slab::copy_parts;
 use vhs_base::check::{self, check_range, check_shape};
 use vhs_base::error::{Error, Result};
+use vhs_base::interrupt;
 use vhs_base::rng::Rng;
 
 /// How observations lie in a batch.
@@ -157,7 +158,7 @@ impl EpisodeBuffer {
             &index,
             self.observation_bytes(),
             &mut observations,
-        );
+        )?;
         self.with_goals(&episodes, index, observations)
     }
 
@@ -178,7 +179,7 @@ impl EpisodeBuffer {
                 &[out.len() / row_bytes, row_bytes],
             )?;
         }
-        self.write_packed(&episodes, &index, row_bytes, &mut out[..bytes]);
+        self.write_packed(&episodes, &index, row_bytes, &mut out[..bytes])?;
         self.with_goals(&episodes, index, Bytes::default())
     }
 
@@ -203,7 +204,7 @@ impl EpisodeBuffer {
                 for (t, row) in out.chunks_exact_mut(vector).enumerate() {
                     self.write_reached(episodes[place], t, row);
                 }
-            });
+            })?;
         }
         Ok(Batch {
             observations,
@@ -220,12 +221,12 @@ impl EpisodeBuffer {
         index: &BatchIndex,
         row_bytes: usize,
         out: &mut [u8],
-    ) {
+    ) -> Result<()> {
         self.write_rows(index, row_bytes, out, |place, out| {
             for (t, row) in out.chunks_exact_mut(row_bytes).enumerate() {
                 self.write_observation(episodes[place], t, row);
             }
-        });
+        })
     }
 
     /// Hands the rows of each episode to `write`, and zeros those between episodes.
@@ -236,16 +237,18 @@ impl EpisodeBuffer {
         row_bytes: usize,
         mut out: &mut [u8],
         write: impl Fn(usize, &mut [u8]),
-    ) {
+    ) -> Result<()> {
         for (place, &length) in index.lengths.iter().enumerate() {
             let next = index.offsets.get(place + 1);
             let end = next.map_or(index.rows, |&row| class_of(row));
             let (rows, rest) = out.split_at_mut((end - class_of(index.offsets[place])) * row_bytes);
             let (used, padding) = rows.split_at_mut((class_of(length) + 1) * row_bytes);
+            interrupt::check()?;
             write(place, used);
             padding.fill(0);
             out = rest;
         }
+        Ok(())
     }
 
     /// Draws ids of `n` finished episodes, uniformly and with replacement.

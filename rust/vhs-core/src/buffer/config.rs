@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 pub use crate::item::Item;
 use crate::item::volume;
-use crate::labels::class_of;
-use vhs_base::check::{self, check_range};
+use crate::labels::{class_of, label_of};
+use vhs_base::check::{self, check_labels, check_range};
 use vhs_base::error::{Error, Result};
 
 /// The most streams, goals, interactions, stacked frames or steps of an episode.
@@ -77,8 +77,10 @@ pub struct EpisodeConfig {
     pub goal_kind: GoalKind,
     /// Goal classes.
     pub num_goals: usize,
-    /// Numbered actions; None: any number below 2^20 is one.
+    /// Numbered actions; None: any of the 2^20 numbers from `first_action` on is one.
     pub num_actions: Option<usize>,
+    /// The smallest numbered action, as an environment counts them.
+    pub first_action: i64,
     /// Interactions; 0 where the task has none, and interaction 0 stands for none.
     pub num_interactions: usize,
     /// The interaction that each action does; an action that is not among them is a move. Needed where there
@@ -106,6 +108,7 @@ impl Default for EpisodeConfig {
             goal_kind: GoalKind::Labels,
             num_goals: 1,
             num_actions: None,
+            first_action: 0,
             num_interactions: 0,
             interactions: BTreeMap::new(),
             action_dim: 0,
@@ -128,6 +131,7 @@ impl EpisodeConfig {
         check_range("num_interactions", self.num_interactions, 0, MAX_COUNT)?;
         check_range("action_dim", self.action_dim, 0, MAX_COUNT)?;
         check_range("num_actions", self.action_limit(), 1, 2 * MAX_COUNT)?;
+        self.check_first_action()?;
         self.check_interactions()?;
         self.check_total()?;
         let least = self.num_streams.saturating_mul(self.max_episode_steps);
@@ -186,11 +190,12 @@ impl EpisodeConfig {
             return refused(expected, "none".into());
         }
         for (&action, &interaction) in &self.interactions {
-            let fits = |number: i64, limit: usize| class_of(number) < limit;
-            if !fits(action, self.action_limit()) || !fits(interaction, self.num_interactions) {
-                let (actions, interactions) = (self.action_limit(), self.num_interactions);
-                let expected =
-                    format!("actions in 0..{actions} that do interactions in 0..{interactions}");
+            if !self.is_action(action) || class_of(interaction) >= self.num_interactions {
+                let (first, interactions) = (self.first_action, self.num_interactions);
+                let actions = first + label_of(self.action_limit());
+                let expected = format!(
+                    "actions in {first}..{actions} that do interactions in 0..{interactions}"
+                );
                 return refused(
                     expected,
                     format!("action {action}, interaction {interaction}"),
@@ -200,9 +205,41 @@ impl EpisodeConfig {
         Ok(())
     }
 
-    /// One more than the largest number that an action can be.
+    /// How many numbers an action can be.
     pub(crate) fn action_limit(&self) -> usize {
         self.num_actions.unwrap_or(MAX_COUNT)
+    }
+
+    fn is_action(&self, number: i64) -> bool {
+        class_of(number.saturating_sub(self.first_action)) < self.action_limit()
+    }
+
+    /// Accepts numbered actions.
+    pub(crate) fn check_actions(&self, field: &'static str, actions: &[i64]) -> Result<()> {
+        let Some(index) = actions.iter().position(|&action| !self.is_action(action)) else {
+            return Ok(());
+        };
+        if self.first_action == 0 {
+            return check_labels(field, actions, self.action_limit());
+        }
+        let (first, count) = (self.first_action, label_of(self.action_limit()));
+        Err(Error::Argument {
+            field,
+            expected: format!("numbers in {first}..{}", first + count),
+            got: format!("{} at index {index}", actions[index]),
+        })
+    }
+
+    fn check_first_action(&self) -> Result<()> {
+        let most = label_of(MAX_COUNT);
+        if (-most..=most).contains(&self.first_action) {
+            return Ok(());
+        }
+        Err(Error::Argument {
+            field: "first_action",
+            expected: format!("a number in {}..={most}", -most),
+            got: self.first_action.to_string(),
+        })
     }
 
     /// The interaction that an action did; None where it was a move.

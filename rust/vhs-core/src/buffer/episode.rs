@@ -188,7 +188,7 @@ impl Steps<'_> {
             &[self.achieved.len()],
         )?;
         check_labels("streams", self.streams, config.num_streams)?;
-        check_labels("actions", self.actions, config.action_limit())?;
+        config.check_actions("actions", self.actions)?;
         check_finite("actions", self.vectors)?;
         check_finite("rewards", self.rewards)?;
         check_finite("values", self.values)?;

@@ -22,6 +22,7 @@ use crate::storage::slab::{Slab, Source, copy_parts};
 use crate::storage::stacking::interleave;
 use vhs_base::check::check_labels;
 use vhs_base::error::{Error, Result};
+use vhs_base::fork;
 use vhs_base::rng::Rng;
 
 /// See the module documentation.
@@ -49,6 +50,10 @@ pub struct EpisodeBuffer {
     pub(crate) achieved: Slab,
     /// Slots of the slab that no episode owns.
     pub(crate) free: Vec<usize>,
+    /// Slots that no episode owns any more, and that a save under way may still read.
+    retired: Vec<usize>,
+    /// Saves under way, and the lineage of the process that began them: in a forked copy nobody ends them.
+    saves: (u64, usize),
     /// One place a stream; None while it is idle. Boxed, so that a million idle streams cost little.
     open: Vec<Option<Box<Episode>>>,
     /// Finished episodes, oldest first.
@@ -85,6 +90,8 @@ impl EpisodeBuffer {
             slab,
             achieved: Slab::new(vector_bytes, most, Source::Memory),
             free: Vec::new(),
+            retired: Vec::new(),
+            saves: (0, 0),
             open,
             finished: VecDeque::new(),
             steps_before: VecDeque::new(),
@@ -395,7 +402,29 @@ impl EpisodeBuffer {
     fn release(&mut self, episode: Episode) {
         self.steps -= episode.len();
         // In reverse: slots are taken from the end, and memory likes to be written in its own order.
-        self.free.extend(episode.frames.into_iter().rev());
+        self.retired.extend(episode.frames.into_iter().rev());
+        self.free_retired();
+    }
+
+    /// Keeps the slots of whatever is evicted from being used again, until [`EpisodeBuffer::end_save`].
+    pub(crate) fn hold_slots(&mut self) {
+        let here = fork::lineage();
+        if self.saves.0 != here {
+            self.saves = (here, 0);
+        }
+        self.saves.1 += 1;
+    }
+
+    /// Ends what [`EpisodeBuffer::begin_save`] began.
+    pub fn end_save(&mut self) {
+        self.saves.1 = self.saves.1.saturating_sub(1);
+        self.free_retired();
+    }
+
+    fn free_retired(&mut self) {
+        if self.saves.1 == 0 || self.saves.0 != fork::lineage() {
+            self.free.append(&mut self.retired);
+        }
     }
 
     /// Makes room for `n` more frames and their goal vectors.

@@ -1,6 +1,6 @@
 //! Drawing steps of finished episodes, each with its goal: what transitions and windows have in common.
 //!
-//! Every stored step of a finished episode is equally likely. A draw costs a search in a compact list of one
+//! Every stored step of a finished episode is equally likely; windows are drawn in `windows`. A draw costs a search in a compact list of one
 //! number an episode, so it stays flat as the buffer grows.
 
 use crate::buffer::config::GoalKind;
@@ -60,6 +60,12 @@ impl EpisodeBuffer {
         rule: Option<&HindsightRule>,
         rng: &mut Rng,
     ) -> Result<Vec<Pick>> {
+        self.check_drawable(n)?;
+        self.draw_by(n, rule, rng, |rng| self.draw_step(rng))
+    }
+
+    /// Refuses to draw nothing, or from nothing.
+    pub(crate) fn check_drawable(&self, n: usize) -> Result<()> {
         check_range("n", n, 1, usize::MAX)?;
         if self.finished.is_empty() {
             return Err(Error::Empty {
@@ -67,9 +73,20 @@ impl EpisodeBuffer {
                 item: "finished episode",
             });
         }
+        Ok(())
+    }
+
+    /// As `draw`, with places among the finished episodes and their steps from a function.
+    pub(crate) fn draw_by(
+        &self,
+        n: usize,
+        rule: Option<&HindsightRule>,
+        rng: &mut Rng,
+        mut draw_step: impl FnMut(&mut Rng) -> (usize, usize),
+    ) -> Result<Vec<Pick>> {
         let mut picks = check::with_room("sample", n)?;
         for row in 0..n {
-            let (episode, step) = self.draw_step(rng);
+            let (episode, step) = draw_step(rng);
             let outcome = self.finished[episode].outcome;
             let goal = match rule {
                 Some(rule) if rule.selects(row, outcome, rng) => {

@@ -10,6 +10,7 @@ use crate::hindsight::strategy::HindsightRule;
 use crate::storage::pool::Bytes;
 use vhs_base::check::{check_finite, check_shape, product};
 use vhs_base::error::Result;
+use vhs_base::interrupt;
 use vhs_base::rng::Rng;
 
 /// Everything of a batch but its images and goals. n transitions.
@@ -40,6 +41,8 @@ pub struct TransitionBatch {
     pub goals: Bytes,
     /// Goal vectors reached by `o_(t+1)`, `[n, *goal]`; empty where observations are what is reached.
     pub achieved_goals: Bytes,
+    /// Goal vectors reached by `o_t`, `[n, *goal]`; empty where observations are what is reached.
+    pub previous_achieved_goals: Bytes,
     /// Everything else.
     pub index: TransitionIndex,
 }
@@ -55,10 +58,12 @@ pub struct TransitionOut<'a> {
     pub goals: &'a mut [u8],
     /// For `achieved_goals`.
     pub achieved_goals: &'a mut [u8],
+    /// For `previous_achieved_goals`.
+    pub previous_achieved_goals: &'a mut [u8],
 }
 
-/// Bytes of the four large parts of a batch of `n`, in the order of [`TransitionOut`].
-pub type TransitionSizes = [usize; 4];
+/// Bytes of the large parts of a batch of `n`, in the order of [`TransitionOut`].
+pub type TransitionSizes = [usize; 5];
 
 impl EpisodeBuffer {
     /// Draws `n` transitions of finished episodes, uniformly and with replacement, and relabels them where a
@@ -110,13 +115,14 @@ impl EpisodeBuffer {
         reward: Option<&SparseReward>,
         rng: &mut Rng,
     ) -> Result<TransitionBatch> {
-        let [observations, next_observations, goals, achieved_goals] =
+        let [observations, next_observations, goals, achieved, previous] =
             self.transition_sizes(n, rule)?;
         let mut batch = TransitionBatch {
             observations: Bytes::take("sample", observations)?,
             next_observations: Bytes::take("sample", next_observations)?,
             goals: Bytes::take("sample", goals)?,
-            achieved_goals: Bytes::take("sample", achieved_goals)?,
+            achieved_goals: Bytes::take("sample", achieved)?,
+            previous_achieved_goals: Bytes::take("sample", previous)?,
             ..TransitionBatch::default()
         };
         let out = TransitionOut {
@@ -124,6 +130,7 @@ impl EpisodeBuffer {
             next_observations: &mut batch.next_observations,
             goals: &mut batch.goals,
             achieved_goals: &mut batch.achieved_goals,
+            previous_achieved_goals: &mut batch.previous_achieved_goals,
         };
         batch.index = self.sample_transitions_into(n, rule, reward, rng, out)?;
         Ok(batch)
@@ -148,10 +155,11 @@ impl EpisodeBuffer {
             out.next_observations.len(),
             out.goals.len(),
             out.achieved_goals.len(),
+            out.previous_achieved_goals.len(),
         ];
         check_shape("out", &self.transition_sizes(n, rule)?, &got)?;
         let picks = self.draw(n, rule, rng)?;
-        self.write_transitions(&picks, &mut out);
+        self.write_transitions(&picks, &mut out)?;
         Ok(self.transition_index(&picks, reward))
     }
 
@@ -167,11 +175,11 @@ impl EpisodeBuffer {
         let images = product("n", &[n, self.observation_bytes()])?;
         let goals = product("n", &[n, self.row_goal_bytes(rule)])?;
         let achieved = product("n", &[n, self.config.vector_bytes().unwrap_or_default()])?;
-        Ok([images, images, goals, achieved])
+        Ok([images, images, goals, achieved, achieved])
     }
 
     /// Row by row: the frames that the three images of a row share are still in the cache then.
-    fn write_transitions(&self, picks: &[Pick], out: &mut TransitionOut<'_>) {
+    fn write_transitions(&self, picks: &[Pick], out: &mut TransitionOut<'_>) -> Result<()> {
         let n = picks.len();
         let row = |bytes: usize, place: usize| place * (bytes / n)..(place + 1) * (bytes / n);
         let (images, goals, achieved) = (
@@ -180,6 +188,7 @@ impl EpisodeBuffer {
             out.achieved_goals.len(),
         );
         for (place, pick) in picks.iter().enumerate() {
+            interrupt::check()?;
             let episode = &self.finished[pick.episode];
             let (here, next) = (pick.step, pick.step + 1);
             self.write_observation(episode, here, &mut out.observations[row(images, place)]);
@@ -192,9 +201,12 @@ impl EpisodeBuffer {
                 self.write_goal(pick, &mut out.goals[row(goals, place)]);
             }
             if achieved > 0 {
-                self.write_reached(episode, next, &mut out.achieved_goals[row(achieved, place)]);
+                let row = row(achieved, place);
+                self.write_reached(episode, next, &mut out.achieved_goals[row.clone()]);
+                self.write_reached(episode, here, &mut out.previous_achieved_goals[row]);
             }
         }
+        Ok(())
     }
 
     fn transition_index(&self, picks: &[Pick], reward: Option<&SparseReward>) -> TransitionIndex {

@@ -1,9 +1,11 @@
 //! Windows of consecutive steps with burn-in, for recurrent off-policy learners (Kapturowski et al. 2019,
 //! "Recurrent Experience Replay in Distributed Reinforcement Learning", section 3).
 //!
-//! A window is drawn by its first learned step, every stored step equally likely. It has up to `burn_in` steps
-//! before it, to warm a recurrent state, and up to `length` learned ones; at the ends of the episode it has
-//! fewer. Its steps are left-aligned and padded with zeros to W = `burn_in` + `length`, its observations to W + 1.
+//! A window has up to `length` learned steps, and before them up to `burn_in` that warm a recurrent state. An episode
+//! of T steps has T + length - 1 windows: those at its ends begin before it or end after it, and keep the steps that
+//! there are. All windows of all episodes are equally likely, so that every stored step is learned from as often as
+//! any other. Where only full windows are wanted, an episode has T - length + 1, and none where it is shorter; then
+//! steps at the ends of an episode come less often. A window's steps are left-aligned and padded with zeros to W = `burn_in` + `length`, its observations to W + 1.
 //! It never leaves its episode and has one goal.
 
 use std::ops::Range;
@@ -16,8 +18,9 @@ use crate::hindsight::reward::SparseReward;
 use crate::hindsight::strategy::HindsightRule;
 use crate::labels::label_of;
 use crate::storage::pool::Bytes;
-use vhs_base::check::{check_range, check_shape, product};
-use vhs_base::error::Result;
+use vhs_base::check::{check_range, check_shape, product, with_room};
+use vhs_base::error::{Error, Result};
+use vhs_base::interrupt;
 use vhs_base::rng::Rng;
 
 /// Steps of a window.
@@ -27,6 +30,17 @@ pub struct WindowShape {
     pub length: usize,
     /// Steps before them at most.
     pub burn_in: usize,
+    /// Whether only windows with `length` learned steps are drawn.
+    pub is_strict: bool,
+}
+
+/// Learned steps of a drawn window.
+#[derive(Clone, Copy, Debug)]
+struct Span {
+    /// Place among the finished episodes.
+    episode: usize,
+    first: usize,
+    end: usize,
 }
 
 impl WindowShape {
@@ -80,8 +94,8 @@ impl EpisodeBuffer {
     /// Draws `n` windows, with replacement, and relabels them where a rule is given.
     ///
     /// # Errors
-    /// As [`EpisodeBuffer::sample_transitions`], and [`vhs_base::error::Error::Argument`] for a window without
-    /// learned steps.
+    /// As [`EpisodeBuffer::sample_transitions`], [`vhs_base::error::Error::Argument`] for a window without
+    /// learned steps, and [`vhs_base::error::Error::Empty`] where full windows are wanted and every episode is shorter.
     pub fn sample_windows(
         &mut self,
         n: usize,
@@ -136,11 +150,18 @@ impl EpisodeBuffer {
             achieved_goals: Bytes::take("sample", sizes[2])?,
             ..WindowBatch::default()
         };
-        let picks = self.draw(n, rule, rng)?;
-        batch.index = self.window_index(&picks, shape, reward);
+        let (picks, ends) = self.draw_windows(n, shape, rule, rng)?;
+        let windows = || {
+            let first = |pick: &Pick| pick.step.saturating_sub(shape.burn_in);
+            picks
+                .iter()
+                .zip(&ends)
+                .map(move |(pick, &end)| (pick, first(pick)..end))
+        };
+        batch.index = self.window_index(&picks, windows(), shape, reward);
         let rows = shape.steps() + 1;
-        for (place, pick) in picks.iter().enumerate() {
-            let steps = self.window(pick, shape);
+        for (place, (pick, steps)) in windows().enumerate() {
+            interrupt::check()?;
             let (row, image) = (self.observation_bytes(), rows * self.observation_bytes());
             let out = &mut observations[place * image..][..image];
             self.write_rows_of(pick, &steps, row, out, Self::write_observation);
@@ -178,10 +199,90 @@ impl EpisodeBuffer {
         ])
     }
 
-    /// The steps of the window whose first learned step was drawn.
-    fn window(&self, pick: &Pick, shape: WindowShape) -> Range<usize> {
-        let end = (pick.step + shape.length).min(self.finished[pick.episode].len());
-        pick.step.saturating_sub(shape.burn_in)..end
+    /// Draws `n` windows: their first learned steps with goals, and where the windows end.
+    fn draw_windows(
+        &self,
+        n: usize,
+        shape: WindowShape,
+        rule: Option<&HindsightRule>,
+        rng: &mut Rng,
+    ) -> Result<(Vec<Pick>, Vec<usize>)> {
+        self.check_drawable(n)?;
+        let mut ends = with_room("sample", n)?;
+        let mut draw_by = |draw: &dyn Fn(&mut Rng) -> Span| {
+            self.draw_by(n, rule, rng, |rng| {
+                let span = draw(rng);
+                ends.push(span.end);
+                (span.episode, span.first)
+            })
+        };
+        let picks = if shape.is_strict {
+            let starts = self.full_windows(shape.length)?;
+            draw_by(&|rng| Self::draw_full(&starts, shape.length, rng))
+        } else {
+            draw_by(&|rng| self.draw_span(shape.length, rng))
+        };
+        Ok((picks?, ends))
+    }
+
+    /// A window of some episode, all equally likely.
+    fn draw_span(&self, length: usize, rng: &mut Rng) -> Span {
+        let before = self.steps_before.front().copied().unwrap_or_default();
+        // Windows of all episodes before one: its own first window has this number.
+        let windows_before = |episode: usize| {
+            let steps = self
+                .steps_before
+                .get(episode)
+                .unwrap_or(&self.finished_steps)
+                - before;
+            usize::try_from(steps).unwrap_or(usize::MAX) + episode * (length - 1)
+        };
+        let number = rng.below(windows_before(self.finished.len()));
+        let (mut episode, mut beyond) = (0, self.finished.len());
+        while beyond - episode > 1 {
+            let middle = episode.midpoint(beyond);
+            if windows_before(middle) <= number {
+                episode = middle;
+            } else {
+                beyond = middle;
+            }
+        }
+        // The first window has the first step alone, as its last learned one.
+        let last = number - windows_before(episode);
+        Span {
+            episode,
+            first: (last + 1).saturating_sub(length),
+            end: (last + 1).min(self.finished[episode].len()),
+        }
+    }
+
+    /// How many full windows all episodes before each have, and all in all.
+    fn full_windows(&self, length: usize) -> Result<Vec<usize>> {
+        let mut starts = with_room("sample", self.finished.len() + 1)?;
+        let mut total = 0;
+        starts.push(0);
+        for episode in &self.finished {
+            total += (episode.len() + 1).saturating_sub(length);
+            starts.push(total);
+        }
+        if total == 0 {
+            return Err(Error::Empty {
+                place: "EpisodeBuffer".into(),
+                item: "finished episode with as many steps as a window",
+            });
+        }
+        Ok(starts)
+    }
+
+    fn draw_full(starts: &[usize], length: usize, rng: &mut Rng) -> Span {
+        let number = rng.below(starts.last().copied().unwrap_or_default());
+        let episode = starts.partition_point(|&start| start <= number) - 1;
+        let first = number - starts[episode];
+        Span {
+            episode,
+            first,
+            end: first + length,
+        }
     }
 
     /// One row for each observation of a window by `write`, zeros after them.
@@ -200,9 +301,10 @@ impl EpisodeBuffer {
         padding.fill(0);
     }
 
-    fn window_index(
+    fn window_index<'a>(
         &self,
         picks: &[Pick],
+        windows: impl Iterator<Item = (&'a Pick, Range<usize>)>,
         shape: WindowShape,
         reward: Option<&SparseReward>,
     ) -> WindowIndex {
@@ -212,8 +314,8 @@ impl EpisodeBuffer {
         };
         index.goals.steps.clear();
         let (dim, width) = (self.config.action_dim, shape.steps());
-        for (place, pick) in picks.iter().enumerate() {
-            let (episode, steps) = (&self.finished[pick.episode], self.window(pick, shape));
+        for (place, (pick, steps)) in windows.enumerate() {
+            let episode = &self.finished[pick.episode];
             index.goals.steps.push(label_of(steps.start));
             index.burn_in.push(label_of(pick.step - steps.start));
             index.lengths.push(label_of(steps.len()));

@@ -165,6 +165,11 @@ impl Prototypes {
         self.momentum
     }
 
+    /// The generator behind `embed`, to be changed.
+    pub const fn rng_mut(&mut self) -> &mut Rng {
+        &mut self.rng
+    }
+
     /// The generator behind `embed`.
     #[must_use]
     pub const fn rng(&self) -> &Rng {

@@ -5,6 +5,8 @@
 //! reached object (the agent does not know it); a full ring overwrites its oldest image; memory is
 //! allocated as the rings fill.
 
+use std::collections::HashMap;
+
 use crate::buffer::episodes::EpisodeBuffer;
 use crate::item::{Item, volume};
 use crate::labels::{MAX_CLASSES, class_of};
@@ -13,6 +15,7 @@ use crate::storage::slab::{Slab, Source};
 use crate::storage::stacking::interleave;
 use vhs_base::check::{self, check_labels, check_range, check_shape};
 use vhs_base::error::{Error, Result};
+use vhs_base::fork;
 use vhs_base::rng::Rng;
 
 /// Images of achieved goals by class; see the module documentation.
@@ -36,6 +39,19 @@ pub struct GoalStore {
     capacity: usize,
     pub(crate) rings: Vec<Ring>,
     pub(crate) rng: Rng,
+    /// Saves under way.
+    pub(crate) stashes: Vec<Stash>,
+}
+
+/// Images that a save under way may still want, and that were overwritten since it began.
+#[derive(Debug)]
+pub(crate) struct Stash {
+    /// Tells the saves of a store apart.
+    pub(crate) number: u64,
+    /// Of the process that began it: in a forked copy nobody ends it.
+    pub(crate) lineage: u64,
+    /// By class and slot.
+    pub(crate) images: HashMap<(usize, usize), Box<[u8]>>,
 }
 
 /// The images of one class.
@@ -76,6 +92,7 @@ impl GoalStore {
             capacity: capacity_per_class,
             rings,
             rng: Rng::new(seed),
+            stashes: Vec::new(),
         })
     }
 
@@ -176,6 +193,11 @@ impl GoalStore {
             .sum()
     }
 
+    /// The generator behind `sample`, to be saved and restored.
+    pub const fn rng_mut(&mut self) -> &mut Rng {
+        &mut self.rng
+    }
+
     /// The same store, its images, where they were stored as stacks of frames, [S, H, W, C], as the channels of
     /// one picture each, [H, W, S * C]: for a buffer that stacks so. Images of another number of axes stay.
     ///
@@ -218,6 +240,14 @@ impl GoalStore {
 
     fn put(&mut self, class: usize, image: &[u8]) -> Result<()> {
         let ring = &mut self.rings[class];
+        if !self.stashes.is_empty() && ring.next < ring.images.len() {
+            self.stashes
+                .retain(|stash| stash.lineage == fork::lineage());
+            for stash in &mut self.stashes {
+                let kept = stash.images.entry((class, ring.next));
+                kept.or_insert_with(|| ring.images.get(ring.next).into());
+            }
+        }
         ring.images.put(ring.next, image)?;
         ring.next = (ring.next + 1) % self.capacity;
         Ok(())

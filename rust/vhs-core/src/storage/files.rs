@@ -4,8 +4,8 @@
 //! before memory is taken, so a damaged or hostile file costs an error and no more memory than its
 //! own length.
 
-use std::ffi::OsString;
-use std::fs::{self, File};
+use std::ffi::{OsStr, OsString};
+use std::fs::{self, File, Metadata};
 use std::io::{self, BufWriter, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -15,6 +15,7 @@ use crate::storage::memory::Block;
 use crate::storage::slab::{Slab, Source};
 use vhs_base::check::with_room;
 use vhs_base::error::{Error, Result};
+use vhs_base::interrupt;
 
 /// Records begin at a multiple of this, the page size of most machines.
 pub(crate) const ALIGNMENT: usize = 4096;
@@ -24,6 +25,12 @@ pub(crate) const MAX_DIMENSIONS: usize = 64;
 pub(crate) const MAX_SIZE: usize = isize::MAX.unsigned_abs();
 /// Bytes read or written at once, unless one record is larger.
 const READ_BYTES: usize = 1 << 20;
+/// Bytes written between two looks whether to go on, and brought to the disk.
+const SYNC_BYTES: usize = 16 << 20;
+/// Bytes of a file's name that its temporary name repeats; systems allow 255 in all.
+const NAME_BYTES: usize = 200;
+/// Links from one to the next, after which they are taken for a circle, as Linux does.
+const MAX_LINKS: usize = 40;
 
 /// A file being read, with the checksum of what has been read since it was last compared.
 pub(crate) struct Reader<'a> {
@@ -36,7 +43,10 @@ pub(crate) struct Reader<'a> {
 
 impl<'a> Reader<'a> {
     pub(crate) fn open(path: &'a Path) -> Result<Self> {
-        let opened = File::open(path).and_then(|file| Ok((file.metadata()?.len(), file)));
+        let opened = regular(path).and_then(|_| {
+            let file = File::open(path)?;
+            Ok((file.metadata()?.len(), file))
+        });
         let (length, file) = opened.map_err(|source| io_error(path, "open", source))?;
         Ok(Self {
             file,
@@ -48,6 +58,13 @@ impl<'a> Reader<'a> {
 
     /// Fills the slice.
     pub(crate) fn read(&mut self, bytes: &mut [u8]) -> Result<()> {
+        bytes
+            .chunks_mut(READ_BYTES)
+            .try_for_each(|piece| self.read_piece(piece))
+    }
+
+    fn read_piece(&mut self, bytes: &mut [u8]) -> Result<()> {
+        interrupt::check()?;
         self.file
             .read_exact(bytes)
             .map_err(|source| match source.kind() {
@@ -245,6 +262,33 @@ pub(crate) fn io_error(path: &Path, call: &'static str, source: io::Error) -> Er
     }
 }
 
+/// Bytes of records read under one lock: readers and writers of what is saved wait no longer than for these.
+const PIECE_BYTES: usize = 1 << 20;
+
+/// Writes records piece by piece: `read` is asked for those of each piece, to be put one after the other.
+pub(crate) fn put_records<R>(
+    file: &mut Writer<'_>,
+    record_bytes: usize,
+    records: &[R],
+    mut read: impl FnMut(&[R], &mut Vec<u8>),
+) -> Result<()> {
+    let at_once = (PIECE_BYTES / record_bytes).max(1);
+    let mut bytes = with_room("save", at_once.min(records.len()) * record_bytes)?;
+    for piece in records.chunks(at_once) {
+        bytes.clear();
+        read(piece, &mut bytes);
+        file.put(&bytes)?;
+    }
+    Ok(())
+}
+
+/// Adds little-endian words.
+pub(crate) fn push_words(bytes: &mut Vec<u8>, words: impl IntoIterator<Item = u64>) {
+    words
+        .into_iter()
+        .for_each(|word| bytes.extend(word.to_le_bytes()));
+}
+
 /// A file being written, with the checksum of what was written since the last one.
 pub(crate) struct Writer<'a> {
     file: BufWriter<File>,
@@ -252,20 +296,30 @@ pub(crate) struct Writer<'a> {
     checksum: Checksum,
     /// Bytes written so far.
     written: usize,
+    /// Of them, those that were on the disk when it was last asked.
+    synced: usize,
 }
 
 impl Writer<'_> {
     pub(crate) fn put(&mut self, bytes: &[u8]) -> Result<()> {
+        bytes
+            .chunks(READ_BYTES)
+            .try_for_each(|piece| self.put_piece(piece))
+    }
+
+    fn put_piece(&mut self, bytes: &[u8]) -> Result<()> {
         self.checksum.update(bytes);
         self.written += bytes.len();
         let done = self.file.write_all(bytes);
-        done.map_err(|source| io_error(self.path, "write", source))
-    }
-
-    pub(crate) fn put_words(&mut self, words: impl IntoIterator<Item = u64>) -> Result<()> {
-        words
-            .into_iter()
-            .try_for_each(|word| self.put(&word.to_le_bytes()))
+        done.map_err(|source| io_error(self.path, "write", source))?;
+        if self.written - self.synced < SYNC_BYTES {
+            return Ok(());
+        }
+        // Asked for again and again: a sync of gigabytes at the end would hear nothing for as long as it takes.
+        interrupt::check()?;
+        self.synced = self.written;
+        let synced = self.file.get_ref().sync_data();
+        synced.map_err(|source| io_error(self.path, "sync", source))
     }
 
     /// Writes the checksum of what was written since the last one.
@@ -287,15 +341,26 @@ impl Writer<'_> {
 
 /// Writes a file to a temporary one beside it, synced, then renamed over it.
 ///
-/// A reader, or a machine that loses power, sees the old file or the new one, never half of either.
+/// A reader, or a machine that loses power, sees the old file or the new one, never half of either. A symbolic
+/// link stays, and the file that it leads to is replaced; the new file has the mode of the old one, and its owner
+/// where the system allows that. Whatever is no file (a device, a pipe, a directory) is refused.
 pub(crate) fn replace(
     path: &Path,
     write: impl FnOnce(&mut Writer<'_>) -> Result<()>,
 ) -> Result<()> {
+    let target = behind_links(path).map_err(|source| io_error(path, "write", source))?;
+    let path = &target;
+    let old = match regular(path) {
+        Err(error) if error.kind() == ErrorKind::NotFound => None,
+        found => Some(found.map_err(|source| io_error(path, "write", source))?),
+    };
     // Opened first, so that a directory that cannot be synced refuses before anything is written.
     let directory = open_directory(path)?;
     let (file, temporary) = temporary_beside(path)?;
-    let renamed = write_whole(file, &temporary, write).and_then(|()| {
+    let looks = old.map_or(Ok(()), |old| look_like(&file, &old));
+    let looks = looks.map_err(|source| io_error(&temporary, "write", source));
+    let renamed = looks.and_then(|()| write_whole(file, &temporary, write));
+    let renamed = renamed.and_then(|()| {
         let rename = fs::rename(&temporary, path);
         rename.map_err(|source| io_error(path, "rename a temporary file to", source))
     });
@@ -304,6 +369,58 @@ pub(crate) fn replace(
         let _ = fs::remove_file(&temporary);
     }
     renamed.and_then(|()| directory.map_or(Ok(()), |directory| sync_directory(path, &directory)))
+}
+
+/// What is said of a file, which must be one: reading another kind could wait for ever, or never end.
+fn regular(path: &Path) -> io::Result<Metadata> {
+    let found = fs::metadata(path)?;
+    if found.is_dir() {
+        return Err(io::Error::from_raw_os_error(libc::EISDIR));
+    }
+    if !found.is_file() {
+        let message = "something that is no file, such as a device or a pipe";
+        return Err(io::Error::new(ErrorKind::InvalidInput, message));
+    }
+    Ok(found)
+}
+
+/// The path itself or, where it is a symbolic link, the one that it leads to in the end, there or not.
+fn behind_links(path: &Path) -> io::Result<PathBuf> {
+    let mut path = path.to_path_buf();
+    for _ in 0..MAX_LINKS {
+        match fs::symlink_metadata(&path) {
+            Ok(found) if found.is_symlink() => {
+                let target = fs::read_link(&path)?;
+                path = path.parent().unwrap_or(Path::new("")).join(target);
+            }
+            Err(error) if error.kind() != ErrorKind::NotFound => return Err(error),
+            _ => return Ok(path),
+        }
+    }
+    Err(io::Error::from_raw_os_error(libc::ELOOP))
+}
+
+/// Gives a new file the owner, where the system allows it, and the mode of an old one.
+fn look_like(file: &File, old: &Metadata) -> io::Result<()> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::{MetadataExt, fchown};
+        let new = file.metadata()?;
+        if (new.uid(), new.gid()) != (old.uid(), old.gid()) {
+            // Refused to all but the superuser and members of the group; the file is then the writer's, as any
+            // new one.
+            let _ = fchown(file, Some(old.uid()), Some(old.gid()));
+        }
+    }
+    file.set_permissions(old.permissions())
+}
+
+/// As much of a name as leaves room for what makes it a temporary one.
+fn beginning(name: &OsStr) -> String {
+    let name = name.to_string_lossy();
+    let fits = |&end: &usize| name.is_char_boundary(end);
+    let end = (0..=NAME_BYTES.min(name.len())).rev().find(fits);
+    name[..end.unwrap_or_default()].to_string()
 }
 
 fn write_whole(
@@ -316,8 +433,10 @@ fn write_whole(
         path,
         checksum: Checksum::new(),
         written: 0,
+        synced: 0,
     };
     write(&mut writer)?;
+    interrupt::check()?;
     let synced = writer
         .file
         .flush()
@@ -335,7 +454,7 @@ fn temporary_beside(path: &Path) -> Result<(File, PathBuf)> {
         // Relaxed: only the uniqueness of the number matters, not its order with other memory.
         let number = SAVES.fetch_add(1, Ordering::Relaxed);
         let mut name = OsString::from(".");
-        name.push(path.file_name().unwrap_or_default());
+        name.push(beginning(path.file_name().unwrap_or_default()));
         name.push(format!(".{}-{number}.tmp", std::process::id()));
         let temporary = path.with_file_name(name);
         match File::create_new(&temporary) {

@@ -6,10 +6,11 @@
 //! free memory.
 
 use std::ops::{Deref, DerefMut};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, PoisonError};
 
 use crate::storage::memory::{Block, HUGE_PAGE};
 use vhs_base::error::{Error, Result};
+use vhs_base::fork;
 
 /// Free memory that the pool keeps at most, in bytes.
 pub const POOL_BYTES: usize = 512 << 20;
@@ -18,7 +19,7 @@ const SMALL: usize = 64 << 10;
 /// Smaller results take as much as they need, in steps of [`SMALL`]; larger ones come in huge pages.
 const LARGE: usize = HUGE_PAGE / 2;
 
-/// Blocks that nobody uses, the one that was used last at the end.
+/// Blocks that nobody uses, the one that was used last at the end. Locked with a pass, so that a fork finds it free.
 static FREE: Mutex<Vec<Block>> = Mutex::new(Vec::new());
 
 /// Bytes of a batch: a slice that owns pooled memory.
@@ -65,7 +66,8 @@ impl Bytes {
 
 /// The smallest free block that is large enough without being twice as large.
 fn recycled(bytes: usize) -> Option<Block> {
-    let mut free = free();
+    let _pass = fork::enter();
+    let mut free = FREE.lock().unwrap_or_else(PoisonError::into_inner);
     let fits = |block: &&Block| (bytes..2 * bytes).contains(&block.bytes().len());
     let best = free
         .iter()
@@ -76,16 +78,13 @@ fn recycled(bytes: usize) -> Option<Block> {
     Some(free.remove(place))
 }
 
-fn free() -> MutexGuard<'static, Vec<Block>> {
-    FREE.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 impl Drop for Bytes {
     fn drop(&mut self) {
         let Some(block @ Block::Mapped(_)) = self.block.take() else {
             return;
         };
-        let mut free = free();
+        let _pass = fork::enter();
+        let mut free = FREE.lock().unwrap_or_else(PoisonError::into_inner);
         free.push(block);
         let mut kept: usize = free.iter().map(|block| block.bytes().len()).sum();
         while kept > POOL_BYTES {

@@ -150,16 +150,6 @@ impl Slab {
         Ok(())
     }
 
-    /// The stored bytes in order of their number, in pieces of at most a block.
-    pub(crate) fn pieces(&self) -> impl Iterator<Item = &[u8]> {
-        let start = self.len.min(self.start_records) * self.record_bytes;
-        let chunks = self.chunks.iter().enumerate();
-        std::iter::once(&self.start.bytes()[..start]).chain(
-            chunks
-                .map(|(chunk, block)| &block.bytes()[..self.chunk_len(chunk) * self.record_bytes]),
-        )
-    }
-
     /// Chunk (None: the start block) and first byte of a record.
     const fn place(&self, index: usize) -> (Option<usize>, usize) {
         match index.checked_sub(self.start_records) {

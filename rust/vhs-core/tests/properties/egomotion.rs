@@ -16,13 +16,13 @@ fn walked(start: Pose, moves: &[f32], actions: &[(usize, bool)]) -> Vec<Pose> {
     let mut poses = vec![start];
     for &(action, blocked) in actions {
         let (x, y, yaw) = poses[poses.len() - 1];
-        let way = if blocked {
-            0.0
-        } else {
-            f64::from(moves[2 * action])
-        };
-        let turned = yaw + f64::from(moves[2 * action + 1]);
-        poses.push((x + way * yaw.cos(), y + way * yaw.sin(), turned));
+        let [forward, left, turn] = [0, 1, 2].map(|part| f64::from(moves[3 * action + part]));
+        let free = f64::from(u8::from(!blocked));
+        poses.push((
+            x + free * (forward * yaw.cos() - left * yaw.sin()),
+            y + free * (forward * yaw.sin() + left * yaw.cos()),
+            yaw + turn,
+        ));
     }
     poses
 }
@@ -31,12 +31,12 @@ proptest! {
     /// From the pose of each step, walking its distance along its bearing leads to what lies ahead of the end.
     #[test]
     fn every_step_points_at_the_same_place(
-        moves in prop::collection::vec((-1.0..1.0_f32, -3.0..3.0_f32), 4),
+        moves in prop::collection::vec((-1.0..1.0_f32, -1.0..1.0_f32, -3.0..3.0_f32), 4),
         walks in prop::collection::vec(prop::collection::vec((0..4_usize, any::<bool>()), 0..=LONGEST), 0..5),
         (x, y, yaw) in (-3.0..3.0_f64, -3.0..3.0_f64, -PI..PI),
         ahead_m in 0.0..2.0_f64,
     ) {
-        let moves: Vec<f32> = moves.iter().flat_map(|&(forward, turn)| [forward, turn]).collect();
+        let moves: Vec<f32> = moves.iter().flat_map(|&(forward, left, turn)| [forward, left, turn]).collect();
         // Numbers that must not be read lie after each end.
         let mut actions = vec![-1; walks.len() * LONGEST];
         let mut blocked = vec![true; walks.len() * LONGEST];
@@ -79,7 +79,7 @@ proptest! {
             lengths: &[i64::from(parts)],
             longest: count,
         };
-        let found = egomotion(walks, &[0.0, turn], ahead_m).expect("a valid walk");
+        let found = egomotion(walks, &[0.0, 0.0, turn], ahead_m).expect("a valid walk");
         prop_assert!(found.bearing_rad[0].abs() < 1e-5);
         prop_assert!((f64::from(found.distance_m[0]) - ahead_m).abs() < 1e-5);
     }
@@ -94,11 +94,11 @@ fn what_does_not_fit_is_refused() {
         longest: 2,
     };
     let good = walks(&[0, 1], &[false; 2], &[2]);
-    let moves = [1.0, 0.0, 0.0, 1.0];
+    let moves = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0];
     let refused = [
         egomotion(walks(&[0], &[false; 2], &[2]), &moves, 0.0),
         egomotion(walks(&[0, 1], &[false], &[2]), &moves, 0.0),
-        egomotion(good, &moves[..3], 0.0),
+        egomotion(good, &moves[..5], 0.0),
     ];
     for error in refused {
         assert!(matches!(error, Err(Error::Shape { .. })), "{error:?}");
@@ -127,7 +127,7 @@ fn what_does_not_fit_is_refused() {
         ),
         "{long:?}"
     );
-    let nan = egomotion(good, &[1.0, f32::NAN, 0.0, 1.0], 0.0);
+    let nan = egomotion(good, &[1.0, f32::NAN, 0.0, 0.0, 0.0, 1.0], 0.0);
     assert!(
         matches!(
             nan,

@@ -1,5 +1,7 @@
 //! The episode buffer against lists of episodes that own their frames.
 
+use std::fs;
+
 use proptest::prelude::*;
 use vhs_core::batch::Layout;
 use vhs_core::episodes::{EpisodeBuffer, Steps};
@@ -7,7 +9,7 @@ use vhs_core::error::Error;
 use vhs_core::outcome::Outcome;
 
 use crate::support::naive::Episodes;
-use crate::support::{FRAME_BYTES, FrameSource, small_config};
+use crate::support::{FRAME_BYTES, FrameSource, scratch, small_config};
 
 /// One call, with arguments in range; whether it is allowed depends on the state it meets.
 #[derive(Clone, Debug)]
@@ -176,6 +178,35 @@ proptest! {
             pair.call(call);
             pair.check();
         }
+    }
+
+    /// What a save writes is what was there when it began, however the buffer is used until it ends; and what is
+    /// read meanwhile and afterwards is right.
+    #[test]
+    fn a_buffer_is_saved_as_it_was_when_the_save_began(
+        before in calls(), meanwhile in calls(), after in calls()
+    ) {
+        let folder = scratch("meanwhile");
+        let (path, whole) = (folder.join("buffer"), folder.join("whole"));
+        let mut pair = Pair::new(2, 14);
+        for call in &before {
+            pair.call(call);
+        }
+        pair.buffer.save(&whole).expect("a writable folder");
+        let rng = pair.buffer.rng_mut().clone();
+        let saving = pair.buffer.begin_save(&rng).expect("few dimensions");
+        for call in &meanwhile {
+            pair.call(call);
+            pair.check();
+        }
+        saving.write(&path, |read| read(&pair.buffer)).expect("a writable folder");
+        pair.buffer.end_save();
+        prop_assert_eq!(fs::read(&path).expect("a file"), fs::read(&whole).expect("a file"));
+        for call in &after {
+            pair.call(call);
+            pair.check();
+        }
+        fs::remove_dir_all(folder).expect("our own folder");
     }
 
     /// An evicted id is an error of its own kind, never the bytes of a newer episode.

@@ -16,7 +16,7 @@ fn variant(error: &Error) -> String {
 }
 
 /// Every variant; `vhs-base` does not compile with one that is not listed.
-const VARIANTS: [&str; 12] = [
+const VARIANTS: [&str; 13] = [
     "Shape",
     "Argument",
     "Label",
@@ -28,6 +28,7 @@ const VARIANTS: [&str; 12] = [
     "UnknownEpisode",
     "Memory",
     "Io",
+    "Interrupted",
     "Damaged",
 ];
 
@@ -94,6 +95,15 @@ fn damaged() -> Error {
     error
 }
 
+fn interrupted() -> Error {
+    let stop = std::sync::Arc::new(true.into());
+    vhs_base::interrupt::watched(stop, || {
+        used_buffer()
+            .gather(&[1])
+            .expect_err("a call that is to stop")
+    })
+}
+
 fn cases() -> Vec<(Error, &'static str)> {
     vec![
         (
@@ -142,6 +152,7 @@ fn cases() -> Vec<(Error, &'static str)> {
             GoalStore::load(Path::new("/no/such/file")).expect_err("a missing file"),
             "/no/such/file: expected to open it, found: No such file or directory (os error 2)",
         ),
+        (interrupted(), "expected to go on, found a request to stop"),
         (
             damaged(),
             "`first bytes`: expected vhsgoals, found xxxxxxxx",

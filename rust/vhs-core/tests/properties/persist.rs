@@ -49,6 +49,42 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// What a save writes is what was there when it began, however the store is used until it ends; two saves
+    /// at once do not disturb each other.
+    #[test]
+    fn a_store_is_saved_as_it_was_when_the_save_began(
+        before in prop::collection::vec(0..4_usize, 0..40),
+        between in prop::collection::vec(0..4_usize, 0..20),
+        after in prop::collection::vec(0..4_usize, 0..20),
+        capacity in 1..9_usize,
+    ) {
+        let folder = scratch("meanwhile");
+        let (path, whole) = (folder.join("store.goals"), folder.join("whole.goals"));
+        let mut store = filled(&before, capacity);
+        let mut frames = FrameSource::default();
+        let mut push = |store: &mut GoalStore, classes: &[usize]| for &class in classes {
+            store.push(&frames.next(), class.try_into().expect("small")).expect("a valid image");
+        };
+        store.save(&whole).expect("a writable folder");
+        let first = fs::read(&whole).expect("what was just saved");
+        let one = store.begin_save().expect("few dimensions");
+        push(&mut store, &between);
+        store.save(&whole).expect("a writable folder");
+        let second = fs::read(&whole).expect("what was just saved");
+        let two = store.begin_save().expect("few dimensions");
+        push(&mut store, &after);
+        for (saving, expected) in [(one, first), (two, second)] {
+            saving.write(&path, |read| read(&store)).expect("a writable folder");
+            store.end_save(&saving);
+            prop_assert_eq!(fs::read(&path).expect("what was just saved"), expected);
+        }
+        fs::remove_dir_all(folder).expect("our own folder");
+    }
+}
+
 #[test]
 fn one_changed_byte_anywhere_is_noticed() {
     let folder = scratch("flip");

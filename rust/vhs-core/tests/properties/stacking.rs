@@ -110,7 +110,7 @@ proptest! {
         prop_assert!(same(&one.goals, &two.goals));
         prop_assert_eq!(one.index, two.index);
 
-        let shape = WindowShape { length: 3, burn_in: 1 };
+        let shape = WindowShape { length: 3, burn_in: 1, is_strict: false };
         let one = frames.sample_windows(9, shape, Some(&rule), Some(&reward)).expect("stored");
         let two = channels.sample_windows(9, shape, Some(&rule), Some(&reward)).expect("stored");
         prop_assert!(same(&one.observations, &two.observations));

@@ -4,8 +4,6 @@
 //! and draws from a generator of its own that starts there: readers copy side by side, and the same calls in
 //! the same order give the same batches. A call that is refused gives the number back.
 
-use std::sync::{MutexGuard, PoisonError};
-
 use numpy::PyReadwriteArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PySlice};
@@ -16,7 +14,7 @@ use vhs_core::pool::Bytes;
 use vhs_core::relabel::{Hindsight, Rule};
 use vhs_core::strategy::HindsightRule;
 use vhs_core::transitions::TransitionOut;
-use vhs_core::windows::WindowShape;
+use vhs_core::windows::{WindowIndex, WindowShape};
 
 use crate::arrays::checked;
 use crate::batch::EpisodeBatch;
@@ -32,23 +30,26 @@ type Room<'py> = Option<PyReadwriteArrayDyn<'py, u8>>;
 impl EpisodeBuffer {
     /// Runs `sample` with a generator of its own.
     fn with_rng<R>(&self, sample: impl FnOnce(&mut Rng) -> PyResult<R>) -> PyResult<R> {
-        let (before, after, mut own) = {
-            let mut shared = self.shared_rng();
+        let (before, after, mut own) = self.rng.with(|shared| {
             let before = shared.clone();
             let own = shared.split();
             (before, shared.clone(), own)
-        };
+        });
         sample(&mut own).inspect_err(|_| {
-            let mut shared = self.shared_rng();
             // Unless another call has moved on since: then the number is lost.
-            if *shared == after {
-                *shared = before;
-            }
+            self.rng.with(|shared| {
+                if *shared == after {
+                    *shared = before;
+                }
+            });
         })
     }
 
-    pub(crate) fn shared_rng(&self) -> MutexGuard<'_, Rng> {
-        self.rng.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Bytes of the observations of so many episodes at most.
+    fn most_bytes(&self, episodes: usize) -> usize {
+        let config = self.config();
+        let rows = episodes.saturating_mul(config.max_episode_steps + 1);
+        rows.saturating_mul(config.observation_bytes())
     }
 
     pub(crate) fn gather_batch(
@@ -58,13 +59,14 @@ impl EpisodeBuffer {
         out: Option<&Bound<'_, PyAny>>,
         layout: Layout,
     ) -> PyResult<EpisodeBatch> {
+        let bytes = self.most_bytes(ids.len());
         let Some(out) = out else {
-            let batch = self.read(py, |buffer| buffer.gather_as(ids, layout))?;
+            let batch = self.copy(py, bytes, |buffer| buffer.gather_as(ids, layout))?;
             return self.batch(py, batch, None, None, layout);
         };
         let mut room = self.episode_room(out)?;
         let room = room.as_slice_mut()?;
-        let batch = self.read(py, |buffer| buffer.gather_into(ids, layout, room))?;
+        let batch = self.copy(py, bytes, |buffer| buffer.gather_into(ids, layout, room))?;
         self.batch(py, batch, None, Some(out), layout)
     }
 
@@ -76,14 +78,16 @@ impl EpisodeBuffer {
         layout: Layout,
         out: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<EpisodeBatch> {
+        let bytes = self.most_bytes(n);
         self.with_rng(|rng| {
             let Some(out) = out else {
-                let sampled = self.read(py, |buffer| buffer.sample_with(n, rule, layout, rng))?;
+                let sampled =
+                    self.copy(py, bytes, |buffer| buffer.sample_with(n, rule, layout, rng))?;
                 return self.batch(py, sampled.0, sampled.1, None, layout);
             };
             let mut room = self.episode_room(out)?;
             let room = room.as_slice_mut()?;
-            let batch = self.read(py, |buffer| {
+            let batch = self.copy(py, bytes, |buffer| {
                 let ids = buffer.draw_ids_with(n, rng)?;
                 buffer.gather_into(&ids, layout, room)
             })?;
@@ -159,19 +163,27 @@ impl EpisodeBuffer {
                 ("next_observations", config.frame_item, &image),
                 ("goals", item, &goal),
                 ("achieved_goals", item, &goal),
+                ("previous_achieved_goals", item, &goal),
             ];
             check_names(out, &parts.map(|part| part.0))?;
             let mut memory = Memory::take(out, &parts, sizes)?;
             let mut index = {
-                let [observations, next_observations, goals, achieved_goals] = memory.slices()?;
+                let [
+                    observations,
+                    next_observations,
+                    goals,
+                    achieved_goals,
+                    previous_achieved_goals,
+                ] = memory.slices()?;
                 let rows = TransitionOut {
                     observations,
                     next_observations,
                     goals,
                     achieved_goals,
+                    previous_achieved_goals,
                 };
                 let sparse = reward.sparse();
-                self.read(py, |buffer| {
+                self.copy(py, sizes.iter().sum(), |buffer| {
                     buffer.sample_transitions_into(n, rule, sparse, rng, rows)
                 })?
             };
@@ -180,7 +192,8 @@ impl EpisodeBuffer {
                 && let Some(goals) = &large[2]
             {
                 let achieved = large[3].as_ref().or(large[1].as_ref()).unwrap_or(goals);
-                if let Some((rewards, terminated)) = reward.judge(achieved, goals, &[n])? {
+                let steps = || (index.goals.ids.clone(), index.goals.steps.clone());
+                if let Some((rewards, terminated)) = reward.judge(achieved, goals, &[n], steps)? {
                     checked(index.set_relabelled(&rewards, terminated.as_deref()))?;
                 }
             }
@@ -202,9 +215,10 @@ impl EpisodeBuffer {
             let shape = [&[n, window.steps() + 1], &config.observation_shape()[..]].concat();
             let (goal, item) = self.goal_array();
             let sparse = reward.sparse();
+            let bytes = self.read(py, |buffer| buffer.window_sizes(n, window, rule))?[0];
             let (observations, batch) = match out {
                 None => {
-                    let mut batch = self.read(py, |buffer| {
+                    let mut batch = self.copy(py, bytes, |buffer| {
                         buffer.sample_windows_with(n, window, rule, sparse, rng)
                     })?;
                     let observations = std::mem::take(&mut batch.observations);
@@ -213,7 +227,7 @@ impl EpisodeBuffer {
                 Some(out) => {
                     let mut room = out_bytes(out, config.frame_item, &shape)?;
                     let room = room.as_slice_mut()?;
-                    let batch = self.read(py, |buffer| {
+                    let batch = self.copy(py, bytes, |buffer| {
                         buffer.sample_windows_into(n, window, rule, sparse, rng, room)
                     })?;
                     (out.clone(), batch)
@@ -229,14 +243,30 @@ impl EpisodeBuffer {
                 let (achieved, goals) =
                     step_goals(achieved.as_ref().unwrap_or(&observations), goals)?;
                 let cells = [n, window.steps()];
-                if let Some((rewards, terminated)) = reward.judge(&achieved, &goals, &cells)? {
+                let steps = || steps_of(&index, window.steps());
+                if let Some((rewards, terminated)) =
+                    reward.judge(&achieved, &goals, &cells, steps)?
+                {
                     checked(index.set_relabelled(&rewards, terminated.as_deref()))?;
                 }
             }
-            let large = [Some(observations), None, goals, achieved];
+            let large = [Some(observations), None, goals, achieved, None];
             WindowBatch::from_core(py, large, index, config.action_dim)
         })
     }
+}
+
+/// Episode and step of every cell of windows of so many steps; -1 beyond the end.
+fn steps_of(index: &WindowIndex, width: usize) -> (Vec<i64>, Vec<i64>) {
+    let (mut ids, mut steps) = (Vec::new(), Vec::new());
+    let windows = index.goals.ids.iter().zip(&index.goals.steps);
+    for ((&id, &first), &length) in windows.zip(&index.lengths) {
+        for cell in (0..).take(width) {
+            ids.push(id);
+            steps.push(if cell < length { first + cell } else { -1 });
+        }
+    }
+    (ids, steps)
 }
 
 /// What a reward function is asked about windows: what each step reached, and the window's goal beside each.
@@ -282,20 +312,20 @@ fn check_names(out: Option<&Bound<'_, PyDict>>, names: &[&str]) -> PyResult<()> 
     Ok(())
 }
 
-/// The four large parts of a batch: in memory of the caller where `out` has them, else in pooled memory.
+/// The large parts of a batch: in memory of the caller where `out` has them, else in pooled memory.
 struct Memory<'py> {
-    rooms: [Room<'py>; 4],
-    fresh: [Bytes; 4],
+    rooms: [Room<'py>; 5],
+    fresh: [Bytes; 5],
 }
 
 impl<'py> Memory<'py> {
     fn take(
         out: Option<&Bound<'py, PyDict>>,
-        parts: &[(&str, Item, &Vec<usize>); 4],
-        sizes: [usize; 4],
+        parts: &[(&str, Item, &Vec<usize>); 5],
+        sizes: [usize; 5],
     ) -> PyResult<Self> {
         let mut memory = Self {
-            rooms: [const { None }; 4],
+            rooms: [const { None }; 5],
             fresh: Default::default(),
         };
         for (place, &(name, item, shape)) in parts.iter().enumerate() {
@@ -308,8 +338,8 @@ impl<'py> Memory<'py> {
         Ok(memory)
     }
 
-    fn slices(&mut self) -> PyResult<[&mut [u8]; 4]> {
-        let mut slices: [&mut [u8]; 4] = Default::default();
+    fn slices(&mut self) -> PyResult<[&mut [u8]; 5]> {
+        let mut slices: [&mut [u8]; 5] = Default::default();
         for ((slice, room), fresh) in slices.iter_mut().zip(&mut self.rooms).zip(&mut self.fresh) {
             *slice = match room {
                 Some(room) => room.as_slice_mut()?,
@@ -323,11 +353,11 @@ impl<'py> Memory<'py> {
         self,
         py: Python<'py>,
         out: Option<&Bound<'py, PyDict>>,
-        parts: &[(&str, Item, &Vec<usize>); 4],
-    ) -> PyResult<[Option<Bound<'py, PyAny>>; 4]> {
+        parts: &[(&str, Item, &Vec<usize>); 5],
+    ) -> PyResult<[Option<Bound<'py, PyAny>>; 5]> {
         // Rewards are asked for next, by a function that may want to read these arrays.
         drop(self.rooms);
-        let mut arrays = [const { None }; 4];
+        let mut arrays = [const { None }; 5];
         for ((array, bytes), &(name, item, shape)) in arrays.iter_mut().zip(self.fresh).zip(parts) {
             *array = match out.map(|out| out.get_item(name)).transpose()?.flatten() {
                 Some(given) => Some(given),

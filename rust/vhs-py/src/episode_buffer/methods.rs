@@ -20,6 +20,7 @@ use crate::batch::EpisodeBatch;
 use crate::bytes::{filled_bytes, item, item_name};
 use crate::error::{no_pickle, to_py};
 use crate::hindsight::{Reward, hindsight_rule, refuse_without_strategy};
+use crate::interrupt::interruptible;
 use crate::relabel::{outcome, rule};
 use crate::transitions::{TransitionBatch, WindowBatch};
 
@@ -27,12 +28,12 @@ use crate::transitions::{TransitionBatch, WindowBatch};
 impl EpisodeBuffer {
     #[new]
     #[pyo3(signature = (frame_shape, *, num_streams, max_episode_steps, capacity_steps, frame_stack=None,
-                        stacking="frames", num_goals=None, num_actions=None, interactions=None,
-                        num_interactions=None, dtype=None, goals="labels", goal_shape=None, goal_dtype=None,
+                        stacking="frames", num_goals=None, num_actions=None, first_action=None,
+                        interactions=None, num_interactions=None, dtype=None, goals="labels", goal_shape=None, goal_dtype=None,
                         action_dim=None, backing=None, seed=None),
            text_signature = "(frame_shape, *, num_streams, max_episode_steps, capacity_steps, frame_stack=2, \
-                             stacking='frames', num_goals=1, num_actions=None, interactions=None, \
-                             num_interactions=None, dtype='uint8', goals='labels', goal_shape=None, \
+                             stacking='frames', num_goals=1, num_actions=None, first_action=0, \
+                             interactions=None, num_interactions=None, dtype='uint8', goals='labels', goal_shape=None, \
                              goal_dtype=None, action_dim=0, backing='memory', seed=0)")]
     #[expect(
         clippy::too_many_arguments,
@@ -47,6 +48,7 @@ impl EpisodeBuffer {
         stacking: &str,
         num_goals: Option<&Bound<'_, PyAny>>,
         num_actions: Option<&Bound<'_, PyAny>>,
+        first_action: Option<&Bound<'_, PyAny>>,
         interactions: Option<&Bound<'_, PyAny>>,
         num_interactions: Option<&Bound<'_, PyAny>>,
         dtype: Option<&Bound<'_, PyAny>>,
@@ -74,6 +76,7 @@ impl EpisodeBuffer {
             num_actions: num_actions
                 .map(|number| size("num_actions", number))
                 .transpose()?,
+            first_action: first_action.map_or(Ok(0), |first| integer("first_action", first))?,
             num_interactions,
             interactions,
             action_dim: or(0, "action_dim", action_dim)?,
@@ -276,9 +279,9 @@ impl EpisodeBuffer {
 
     #[doc = stub!("EpisodeBuffer.sample_windows")]
     #[pyo3(signature = (n, length, burn_in=None, relabel=None, *, probability=None, ratio=None, on=None,
-                        reward=None, out=None),
+                        reward=None, out=None, strict=false),
            text_signature = "($self, n, length, burn_in=0, relabel=None, *, probability=None, ratio=None, \
-                             on=None, reward=None, out=None)")]
+                             on=None, reward=None, out=None, strict=False)")]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn sample_windows(
         &self,
@@ -292,12 +295,14 @@ impl EpisodeBuffer {
         on: Option<&Bound<'_, PyAny>>,
         reward: Option<&Bound<'_, PyAny>>,
         out: Option<&Bound<'_, PyAny>>,
+        strict: bool,
     ) -> PyResult<WindowBatch> {
         let rule = hindsight_rule(relabel, probability, ratio, on, reward)?;
         let reward = Reward::from_argument(reward)?;
         let window = WindowShape {
             length: size("length", length)?,
             burn_in: burn_in.map_or(Ok(0), |burn_in| size("burn_in", burn_in))?,
+            is_strict: strict,
         };
         self.windows(py, size("n", n)?, window, rule.as_ref(), &reward, out)
     }
@@ -308,10 +313,7 @@ impl EpisodeBuffer {
         reason = "made from a Python path for this call"
     )]
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        self.write(py, |buffer| {
-            *buffer.rng_mut() = self.shared_rng().clone();
-            buffer.save(&path)
-        })
+        interruptible(py, || self.save_to(&path))
     }
 
     #[doc = stub!("EpisodeBuffer.load")]
@@ -336,7 +338,7 @@ impl EpisodeBuffer {
                 got: "a file".into(),
             }));
         }
-        let loaded = py.detach(|| {
+        let loaded = interruptible(py, || {
             if mmap {
                 // SAFETY: the stub passes the condition on to the caller.
                 unsafe { core::EpisodeBuffer::map(&path) }
@@ -344,7 +346,7 @@ impl EpisodeBuffer {
                 core::EpisodeBuffer::load(&path, backing)
             }
         });
-        checked(loaded).map(Self::from)
+        loaded.map(Self::from)
     }
 
     #[doc = stub!("EpisodeBuffer.verify")]
@@ -354,19 +356,20 @@ impl EpisodeBuffer {
         reason = "made from a Python path for this call"
     )]
     fn verify(py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        checked(py.detach(|| core::EpisodeBuffer::verify(&path)))
+        interruptible(py, || core::EpisodeBuffer::verify(&path))
     }
 
     #[doc = stub!("EpisodeBuffer.rng_state")]
     #[getter]
     fn rng_state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<u64>>> {
-        let state = self.shared_rng().state();
+        let state = self.rng.with(|rng| rng.state());
         into_array(py, state.to_vec(), &[4])
     }
 
     #[setter]
     fn set_rng_state(&self, state: &Bound<'_, PyAny>) -> PyResult<()> {
-        *self.shared_rng() = rng_from_state("rng_state", state)?;
+        let state = rng_from_state("rng_state", state)?;
+        self.rng.with(|rng| *rng = state);
         Ok(())
     }
 
@@ -452,6 +455,12 @@ impl EpisodeBuffer {
     #[getter(interactions)]
     fn interactions_getter(&self) -> BTreeMap<i64, i64> {
         self.config().interactions.clone()
+    }
+
+    #[doc = stub!("EpisodeBuffer.first_action")]
+    #[getter]
+    fn first_action(&self) -> i64 {
+        self.config().first_action
     }
 
     #[doc = stub!("EpisodeBuffer.__len__")]

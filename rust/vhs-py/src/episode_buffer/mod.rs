@@ -4,16 +4,20 @@ mod arguments;
 mod draws;
 mod methods;
 
-use std::sync::{Mutex, PoisonError, RwLock};
+use std::path::Path;
+use std::sync::{PoisonError, RwLock};
 
 use pyo3::prelude::*;
 use vhs_base::error::{Error, Result};
+use vhs_base::fork;
 use vhs_base::rng::Rng;
 use vhs_core::config::Stacking;
 use vhs_core::episodes::{self as core, Backing, EpisodeConfig, GoalKind, Item};
 
 use crate::arrays::{checked, integer_vec};
 use crate::error::to_py;
+use crate::interrupt::copying;
+use crate::shared::Shared;
 
 /// Frames of at most so many bytes are copied without giving the interpreter away: some microseconds.
 const BRIEF: usize = 1 << 16;
@@ -21,10 +25,10 @@ const BRIEF: usize = 1 << 16;
 #[doc = stub!("EpisodeBuffer")]
 // Readers work side by side; whoever writes works alone. The generator has a lock of its own, held for a
 // moment, and always taken last.
-#[pyclass(frozen, module = "vhs._core")]
+#[pyclass(frozen, weakref, module = "vhs._core")]
 pub(crate) struct EpisodeBuffer {
     inner: RwLock<core::EpisodeBuffer>,
-    pub(crate) rng: Mutex<Rng>,
+    pub(crate) rng: Shared<Rng>,
     /// What the buffer was built from: fixed, so reading it needs no lock.
     config: EpisodeConfig,
     #[doc = stub!("EpisodeBuffer.num_streams")]
@@ -51,8 +55,8 @@ pub(crate) struct EpisodeBuffer {
     #[doc = stub!("EpisodeBuffer.action_dim")]
     #[pyo3(get)]
     action_dim: usize,
-    /// The process that made it, where frames lie in a scratch file: a fork would share that memory.
-    owner: Option<u32>,
+    /// Process and lineage that made it, where frames lie in a scratch file: a fork would share that memory.
+    owner: Option<(u32, u64)>,
 }
 
 impl From<core::EpisodeBuffer> for EpisodeBuffer {
@@ -67,9 +71,10 @@ impl From<core::EpisodeBuffer> for EpisodeBuffer {
             num_actions: config.num_actions,
             num_interactions: config.num_interactions,
             action_dim: config.action_dim,
-            owner: (config.backing != Backing::Memory).then(std::process::id),
+            owner: (config.backing != Backing::Memory)
+                .then(|| (std::process::id(), fork::lineage())),
             config,
-            rng: Mutex::new(buffer.rng_mut().clone()),
+            rng: Shared::new(buffer.rng_mut().clone()),
             inner: RwLock::new(buffer),
         }
     }
@@ -82,13 +87,37 @@ impl EpisodeBuffer {
         call: impl FnOnce(&core::EpisodeBuffer) -> Result<R>,
     ) -> Result<R> {
         self.check_process()?;
+        self.with_locked(call)
+    }
+
+    /// Runs `work` beside other readers, with a pass in hand: a fork finds nothing locked.
+    fn with_locked<R>(&self, work: impl FnOnce(&core::EpisodeBuffer) -> R) -> R {
+        let _pass = fork::enter();
         // A poisoned lock only says that some call panicked; the next call's own checks are what counts.
-        call(&self.inner.read().unwrap_or_else(PoisonError::into_inner))
+        work(&self.inner.read().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// As `with_locked`, alone.
+    fn with_locked_alone<R>(&self, work: impl FnOnce(&mut core::EpisodeBuffer) -> R) -> R {
+        let _pass = fork::enter();
+        work(&mut self.inner.write().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// A save that locks the buffer for moments only.
+    fn save_to(&self, path: &Path) -> Result<()> {
+        self.check_process()?;
+        let saving = self.with_locked_alone(|buffer| {
+            let rng = self.rng.with(|rng| rng.clone());
+            buffer.begin_save(&rng)
+        })?;
+        let saved = saving.write(path, |read| self.with_locked(|buffer| read(buffer)));
+        self.with_locked_alone(core::EpisodeBuffer::end_save);
+        saved
     }
 
     /// Refuses a forked copy of a buffer on disk: both processes would write the same frames.
     fn check_process(&self) -> Result<()> {
-        let Some(owner) = self.owner.filter(|&owner| owner != std::process::id()) else {
+        let Some((owner, _)) = self.owner.filter(|&owner| owner.1 != fork::lineage()) else {
             return Ok(());
         };
         Err(Error::Argument {
@@ -131,7 +160,7 @@ impl EpisodeBuffer {
         py: Python<'_>,
         work: impl FnOnce(&core::EpisodeBuffer) -> R + Send,
     ) -> R {
-        py.detach(|| work(&self.inner.read().unwrap_or_else(PoisonError::into_inner)))
+        py.detach(|| self.with_locked(work))
     }
 
     /// A call of the core that only reads, with the interpreter released.
@@ -150,7 +179,17 @@ impl EpisodeBuffer {
         call: impl FnOnce(&mut core::EpisodeBuffer) -> Result<R> + Send,
     ) -> PyResult<R> {
         checked(self.check_process())?;
-        checked(py.detach(|| call(&mut self.inner.write().unwrap_or_else(PoisonError::into_inner))))
+        checked(py.detach(|| self.with_locked_alone(call)))
+    }
+
+    /// As `read`, for a call that copies so many bytes.
+    pub(crate) fn copy<R: Send>(
+        &self,
+        py: Python<'_>,
+        bytes: usize,
+        call: impl FnOnce(&core::EpisodeBuffer) -> Result<R> + Send,
+    ) -> PyResult<R> {
+        copying(py, bytes, || self.with_core(call))
     }
 
     /// As `write`, for calls that copy a frame or less: where nobody else uses the buffer, giving the interpreter
@@ -160,10 +199,11 @@ impl EpisodeBuffer {
         py: Python<'_>,
         call: impl FnOnce(&mut core::EpisodeBuffer) -> Result<R> + Send,
     ) -> PyResult<R> {
-        if self.config.frame_bytes() <= BRIEF
-            && let Ok(mut buffer) = self.inner.try_write()
-        {
-            return checked(self.check_process().and_then(|()| call(&mut buffer)));
+        if self.config.frame_bytes() <= BRIEF {
+            let _pass = fork::enter();
+            if let Ok(mut buffer) = self.inner.try_write() {
+                return checked(self.check_process().and_then(|()| call(&mut buffer)));
+            }
         }
         self.write(py, call)
     }

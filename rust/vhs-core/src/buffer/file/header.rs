@@ -5,21 +5,24 @@ use crate::buffer::episode::Episode;
 use crate::buffer::episodes::EpisodeBuffer;
 use crate::item::Item;
 use crate::labels::{class_of, label_of};
-use crate::storage::files::{ALIGNMENT, MAX_DIMENSIONS, MAX_SIZE, Reader, Writer};
+use crate::storage::files::{ALIGNMENT, MAX_DIMENSIONS, MAX_SIZE, Reader, push_words};
 use vhs_base::error::{Error, Result};
 use vhs_base::rng::Rng;
 
 const MAGIC: [u8; 8] = *b"vhsepiso";
-const VERSION: u32 = 2;
-/// Words between the version and the frame shape.
-const FIXED: usize = 19;
+const VERSION: u32 = 3;
+/// Words between the version and the frame shape: in version 3, and before.
+const FIXED: usize = 20;
+const FIXED_BEFORE: usize = 19;
+/// Types of elements that versions before 3 know.
+const ITEMS_BEFORE: u64 = 6;
 /// Counters stay below this, so that whatever is added to a loaded buffer fits them.
 const MAX_COUNTER: u64 = 1 << 62;
 /// The most actions or interactions that a list of them is made for.
 const MAX_LABELS: usize = 1 << 20;
 
-/// Writes everything before the episodes.
-pub(super) fn write(buffer: &EpisodeBuffer, file: &mut Writer<'_>) -> Result<()> {
+/// Everything before the episodes.
+pub(super) fn write(buffer: &EpisodeBuffer, rng: &Rng) -> Result<Vec<u8>> {
     let config = &buffer.config;
     let (kind, item, shape) = match &config.goal_kind {
         GoalKind::Labels => (0, 0, &[][..]),
@@ -41,20 +44,24 @@ pub(super) fn write(buffer: &EpisodeBuffer, file: &mut Writer<'_>) -> Result<()>
     let (frame, stacking) = (config.frame_item as u64, config.stacking as u64);
     let kinds = kind | item << 8 | frame << 16 | stacking << 24 | (shape.len() as u64) << 32;
     let stored = buffer.finished.iter().map(Episode::len).sum::<usize>();
-    file.put(&MAGIC)?;
-    file.put_words([
-        u64::from(VERSION) | (config.frame_shape.len() as u64) << 32,
-        kinds,
-    ])?;
-    file.put_words(sizes(config).map(|size| size as u64))?;
-    file.put_words([config.seed])?;
-    file.put_words(buffer.rng.state())?;
-    file.put_words([buffer.next_id, buffer.finished_steps])?;
-    file.put_words([buffer.finished.len() as u64, stored as u64])?;
-    file.put_words(config.frame_shape.iter().map(|&size| size as u64))?;
-    file.put_words(shape.iter().map(|&size| size as u64))?;
+    let mut head = MAGIC.to_vec();
+    let mut put = |words: &[u64]| push_words(&mut head, words.iter().copied());
+    let version = u64::from(VERSION) | (config.frame_shape.len() as u64) << 32;
+    put(&[version, kinds]);
+    put(&sizes(config).map(|size| size as u64));
+    put(&[config.seed]);
+    put(&rng.state());
+    put(&[buffer.next_id, buffer.finished_steps]);
+    put(&[buffer.finished.len() as u64, stored as u64]);
+    put(&[config.first_action.cast_unsigned()]);
+    let shapes = config.frame_shape.iter().chain(shape);
+    push_words(&mut head, shapes.map(|&size| size as u64));
     let pairs = config.interactions.iter();
-    file.put_words(pairs.flat_map(|(&action, &interaction)| [word(action), word(interaction)]))
+    push_words(
+        &mut head,
+        pairs.flat_map(|(&action, &interaction)| [action, interaction].map(i64::cast_unsigned)),
+    );
+    Ok(head)
 }
 
 /// The sizes of a configuration, in the order of the file; 0 actions stand for any number of them.
@@ -88,7 +95,7 @@ pub(super) struct Header {
 impl Header {
     pub(super) fn read(reader: &mut Reader<'_>) -> Result<Self> {
         let (version, dimensions) = reader.first(MAGIC, VERSION)?;
-        let fixed = reader.words(FIXED)?;
+        let fixed = reader.words(fixed_words(version))?;
         let (kinds, rest) = (fixed[0], &fixed[1..]);
         let frame = reader.number("frame dimensions", dimensions, 1, MAX_DIMENSIONS)?;
         let most = if kinds & 255 == 2 { MAX_DIMENSIONS } else { 0 };
@@ -99,7 +106,8 @@ impl Header {
             .map(|&size| reader.number("shape", size, 1, MAX_SIZE))
             .collect::<Result<Vec<_>>>()?;
         let goal_shape = shapes.split_off(frame);
-        let config = config(reader, kinds, &rest[..10], [shapes, goal_shape])?;
+        let mut config = config(reader, version, kinds, &rest[..10], [shapes, goal_shape])?;
+        config.first_action = rest.get(18).map_or(0, |first| first.cast_signed());
         let config = match version {
             1 => with_interactions_from(reader, config, rest[6], rest[8])?,
             _ => with_interactions(reader, config, rest[6], rest[8])?,
@@ -154,7 +162,7 @@ impl Header {
         } else {
             config.interactions.len()
         };
-        let words = 2 + FIXED + config.frame_shape.len() + goal + 2 * pairs + 1;
+        let words = 2 + fixed_words(self.version) + config.frame_shape.len() + goal + 2 * pairs + 1;
         let step = 8 + if config.action_dim == 0 {
             8
         } else {
@@ -177,9 +185,15 @@ impl Header {
     }
 }
 
+/// Words between the version and the frame shape.
+const fn fixed_words(version: u64) -> usize {
+    if version < 3 { FIXED_BEFORE } else { FIXED }
+}
+
 /// Everything of a configuration but its actions and interactions.
 fn config(
     reader: &Reader<'_>,
+    version: u64,
     kinds: u64,
     numbers: &[u64],
     [frame_shape, shape]: [Vec<usize>; 2],
@@ -187,7 +201,8 @@ fn config(
     let item = |field, number: u64| {
         let known = Item::ALL
             .into_iter()
-            .find(|&item| item as u64 == number & 255);
+            .find(|&item| item as u64 == number & 255)
+            .filter(|&item| version >= 3 || (item as u64) < ITEMS_BEFORE);
         known.ok_or_else(|| reader.damaged(field, "a known type", &(number & 255).to_string()))
     };
     let size = |place: usize| reader.number("sizes", numbers[place], 0, MAX_SIZE);
@@ -253,7 +268,7 @@ fn with_interactions(
     let words = reader.words(2 * pairs)?;
     let each = words.as_chunks().0.iter();
     config.interactions = each
-        .map(|&[action, interaction]| (number(action), number(interaction)))
+        .map(|&[action, interaction]| (action.cast_signed(), interaction.cast_signed()))
         .collect();
     // An action that came twice would leave fewer: what is read again would not be what was read.
     let found = config.interactions.len().to_string();

@@ -2,13 +2,13 @@
 //!
 //! Invariant: a file under the chosen name is always whole, the old one or the new one.
 //!
-//! Little-endian words of 8 bytes, version 2, for E finished episodes of S steps in all:
+//! Little-endian words of 8 bytes, version 3, for E finished episodes of S steps in all:
 //!
 //! | bytes | content |
 //! |---|---|
 //! | 8 | `vhsepiso` |
 //! | 4, 4 | version; dimensions of a frame, D |
-//! | 19 x 8 | see `header` |
+//! | 20 x 8 | see `header` |
 //! | D x 8, G x 8 | frame shape; shape of a goal vector |
 //! | I x (8, 8) | actions, each with the interaction that it does |
 //! | E x 4 x 8 | goal class; interaction; outcome, plus 256 where terminated; steps |
@@ -22,7 +22,8 @@
 //! | (S + E) x | frames, episode by episode |
 //! | 8 | checksum of the frames |
 //!
-//! Version 1 has no list of actions: a number says from which action on they are the interactions.
+//! Version 2 has 19 words there, without the number of the first action, and fewer types of elements. Version 1 has
+//! no list of actions either: a number says from which action on they are the interactions.
 
 mod header;
 
@@ -33,15 +34,17 @@ use crate::buffer::config::{Backing, EpisodeConfig};
 use crate::buffer::episode::{Episode, Opening};
 use crate::buffer::episodes::EpisodeBuffer;
 use crate::outcome::Outcome;
-use crate::storage::files::{MAX_SIZE, Reader, Writer, replace};
+use crate::storage::files::{MAX_SIZE, Reader, Writer, push_words, put_records, replace};
 use crate::storage::slab::Slab;
 use vhs_base::check::{check_finite, check_labels};
 #[cfg(doc)]
 use vhs_base::error::Error;
 use vhs_base::error::Result;
+use vhs_base::rng::Rng;
 
 /// Set in an episode's third word where its last step ended the task.
 const TERMINATED: u64 = 256;
+
 impl EpisodeBuffer {
     /// Writes the finished episodes and the generator to `path`, as a goal store is: to a temporary file
     /// beside it, synced, then renamed over it.
@@ -53,7 +56,18 @@ impl EpisodeBuffer {
     /// [`Error::Argument`] for a shape of more than 64 dimensions, [`Error::Io`]; the file at `path` is then
     /// as it was, or new and whole where only its directory could not be synced.
     pub fn save(&self, path: &Path) -> Result<()> {
-        replace(path, |file| write(self, file))
+        Saving::new(self, &self.rng)?.write(path, |read| read(self))
+    }
+
+    /// Begins a save of what is finished now and of this generator, during which the buffer may be used: frames
+    /// of episodes that are evicted meanwhile stay until [`EpisodeBuffer::end_save`], which must follow.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a shape of more than 64 dimensions; then no end need follow.
+    pub fn begin_save(&mut self, rng: &Rng) -> Result<Saving> {
+        let saving = Saving::new(self, rng)?;
+        self.hold_slots();
+        Ok(saving)
     }
 
     /// Reads a buffer that `save` wrote: episodes, their ids, and the generator.
@@ -105,46 +119,88 @@ impl EpisodeBuffer {
     }
 }
 
-/// Writes a buffer.
-fn write(buffer: &EpisodeBuffer, file: &mut Writer<'_>) -> Result<()> {
-    header::write(buffer, file)?;
-    let episodes = || buffer.finished.iter();
-    for episode in episodes() {
-        let ended = episode.outcome as u64 + if episode.is_terminated { TERMINATED } else { 0 };
-        let (goal, interaction) = (word(episode.goal), word(episode.interaction));
-        file.put_words([goal, interaction, ended, episode.len() as u64])?;
-    }
-    for episode in episodes() {
-        file.put_words(episode.actions.iter().map(|&action| word(action)))?;
-    }
-    for numbers in [
-        |episode: &Episode| episode.vectors.clone(),
-        |episode: &Episode| episode.rewards.clone(),
-        |episode: &Episode| episode.values.clone(),
-    ] {
-        for episode in episodes() {
-            let numbers = numbers(episode);
-            numbers
-                .iter()
-                .try_for_each(|number| file.put(&number.to_le_bytes()))?;
-        }
-    }
-    file.put_checksum()?;
-    file.put_padding()?;
-    for episode in episodes() {
-        file.put(&episode.desired)?;
-    }
-    if buffer.config.vector_bytes().is_some() {
-        write_records(buffer, &buffer.achieved, file)?;
-    }
-    file.put_checksum()?;
-    write_records(buffer, &buffer.slab, file)?;
-    file.put_checksum()
+/// A save under way: all that it writes but the frames and the goals reached, which it reads from the buffer
+/// piece by piece while others use that.
+#[derive(Debug)]
+pub struct Saving {
+    /// Everything up to the first checksum.
+    head: Vec<u8>,
+    /// The goals that episodes were told.
+    told: Vec<u8>,
+    /// Slots of the frames, in the order of the file.
+    slots: Vec<usize>,
+    frame_bytes: usize,
+    vector_bytes: Option<usize>,
 }
 
-fn write_records(buffer: &EpisodeBuffer, slab: &Slab, file: &mut Writer<'_>) -> Result<()> {
-    let mut slots = buffer.finished.iter().flat_map(|episode| &episode.frames);
-    slots.try_for_each(|&slot| file.put(slab.get(slot)))
+impl Saving {
+    fn new(buffer: &EpisodeBuffer, rng: &Rng) -> Result<Self> {
+        let mut head = header::write(buffer, rng)?;
+        let episodes = || buffer.finished.iter();
+        for episode in episodes() {
+            let ended = episode.outcome as u64 + if episode.is_terminated { TERMINATED } else { 0 };
+            let (goal, interaction) = (word(episode.goal), word(episode.interaction));
+            push_words(&mut head, [goal, interaction, ended, episode.len() as u64]);
+        }
+        for episode in episodes() {
+            push_words(
+                &mut head,
+                episode.actions.iter().map(|&a| a.cast_unsigned()),
+            );
+        }
+        for numbers in [
+            |episode: &'_ Episode| &episode.vectors[..],
+            |episode: &'_ Episode| &episode.rewards[..],
+            |episode: &'_ Episode| &episode.values[..],
+        ] as [fn(&Episode) -> &[f32]; 3]
+        {
+            let numbers = episodes().flat_map(numbers);
+            numbers.for_each(|number| head.extend(number.to_le_bytes()));
+        }
+        Ok(Self {
+            head,
+            told: episodes()
+                .flat_map(|episode| episode.desired.iter().copied())
+                .collect(),
+            slots: episodes()
+                .flat_map(|episode| episode.frames.iter().copied())
+                .collect(),
+            frame_bytes: buffer.config.frame_bytes(),
+            vector_bytes: buffer.config.vector_bytes(),
+        })
+    }
+
+    /// Writes the file, as [`EpisodeBuffer::save`] does. `with_buffer` hands the buffer that began this to a
+    /// function, for a piece at a time.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Interrupted`] where the call is to stop.
+    pub fn write(
+        &self,
+        path: &Path,
+        with_buffer: impl Fn(&mut dyn FnMut(&EpisodeBuffer)),
+    ) -> Result<()> {
+        let put = |file: &mut Writer<'_>, bytes, slab: fn(&EpisodeBuffer) -> &Slab| {
+            put_records(file, bytes, &self.slots, |slots, out| {
+                with_buffer(&mut |buffer| {
+                    let records = slots.iter().map(|&slot| slab(buffer).get(slot));
+                    records.for_each(|record| out.extend_from_slice(record));
+                });
+            })
+        };
+        replace(path, |file| {
+            file.put(&self.head)?;
+            file.put_checksum()?;
+            file.put_padding()?;
+            file.put(&self.told)?;
+            if let Some(bytes) = self.vector_bytes {
+                put(file, bytes, |buffer| &buffer.achieved)?;
+            }
+            file.put_checksum()?;
+            put(file, self.frame_bytes, |buffer| &buffer.slab)?;
+            file.put_checksum()
+        })
+    }
 }
 
 /// How a file is read.
@@ -251,7 +307,7 @@ fn read_arrays(
     if dim == 0 {
         for episode in &mut *episodes {
             let actions = reader.words(episode.frames.len() - 1)?;
-            episode.actions = actions.into_iter().map(number).collect();
+            episode.actions = actions.into_iter().map(u64::cast_signed).collect();
         }
     }
     for episode in &mut *episodes {
@@ -277,7 +333,7 @@ fn check_episode(config: &EpisodeConfig, episode: &Episode) -> Result<()> {
     check_labels("goal", &[episode.goal], config.num_goals)?;
     let interactions = config.num_interactions.max(1);
     check_labels("interaction", &[episode.interaction], interactions)?;
-    check_labels("actions", &episode.actions, config.action_limit())?;
+    config.check_actions("actions", &episode.actions)?;
     check_finite("actions", &episode.vectors)?;
     check_finite("rewards", &episode.rewards)?;
     check_finite("values", &episode.values)

@@ -17,13 +17,17 @@
 //! | | images, class by class, in the order of their slots |
 //! | 8 | checksum of the images |
 
+use std::collections::HashMap;
 use std::path::Path;
 
-use crate::goals::store::GoalStore;
+use crate::goals::store::{GoalStore, Stash};
 use crate::labels::MAX_CLASSES;
-use crate::storage::files::{ALIGNMENT, MAX_DIMENSIONS, MAX_SIZE, Reader, Writer, replace};
+use crate::storage::files::{
+    ALIGNMENT, MAX_DIMENSIONS, MAX_SIZE, Reader, push_words, put_records, replace,
+};
 use vhs_base::check::product;
 use vhs_base::error::{Error, Result};
+use vhs_base::fork;
 use vhs_base::rng::Rng;
 
 const MAGIC: [u8; 8] = *b"vhsgoals";
@@ -57,7 +61,29 @@ impl GoalStore {
     /// [`Error::Argument`] for a shape of more than 64 dimensions, [`Error::Io`]; the file at `path` is then
     /// as it was, or new and whole where only its directory could not be synced.
     pub fn save(&self, path: &Path) -> Result<()> {
-        replace(path, |file| write(self, file))
+        Saving::new(self, None)?.write(path, |read| read(self))
+    }
+
+    /// Begins a save of what is stored now, during which the store may be used: images that are overwritten
+    /// meanwhile are kept until [`GoalStore::end_save`], which must follow.
+    ///
+    /// # Errors
+    /// [`Error::Argument`] for a shape of more than 64 dimensions; then no end need follow.
+    pub fn begin_save(&mut self) -> Result<Saving> {
+        let newest = self.stashes.last().map_or(0, |stash| stash.number);
+        let saving = Saving::new(self, Some(newest + 1))?;
+        self.stashes.push(Stash {
+            number: newest + 1,
+            lineage: fork::lineage(),
+            images: HashMap::new(),
+        });
+        Ok(saving)
+    }
+
+    /// Ends what [`GoalStore::begin_save`] began.
+    pub fn end_save(&mut self, saving: &Saving) {
+        self.stashes
+            .retain(|stash| Some(stash.number) != saving.stash);
     }
 
     /// Reads a store that `save` wrote: contents, order of overwriting and generator.
@@ -115,25 +141,83 @@ impl GoalStore {
     }
 }
 
-/// Writes a store.
-fn write(store: &GoalStore, file: &mut Writer<'_>) -> Result<()> {
-    let dimensions = u64::from(dimensions(store)?);
-    file.put(&MAGIC)?;
-    file.put_words([u64::from(VERSION) | dimensions << 32])?;
-    file.put_words([
-        store.num_classes() as u64,
-        store.capacity_per_class() as u64,
-    ])?;
-    file.put_words(store.rng.state())?;
-    file.put_words(store.shape().iter().map(|&size| size as u64))?;
-    for ring in &store.rings {
-        file.put_words([ring.images.len() as u64, ring.next as u64])?;
+/// A save under way: all that it writes but the images, which it reads from the store piece by piece while others
+/// use that.
+#[derive(Debug)]
+pub struct Saving {
+    /// None where nobody can change the store meanwhile.
+    stash: Option<u64>,
+    /// Everything up to the first checksum.
+    head: Vec<u8>,
+    /// Classes and slots of the images, in the order of the file.
+    places: Vec<(usize, usize)>,
+    image_bytes: usize,
+}
+
+impl Saving {
+    fn new(store: &GoalStore, stash: Option<u64>) -> Result<Self> {
+        let dimensions = u64::from(dimensions(store)?);
+        let mut head = MAGIC.to_vec();
+        let sizes = [
+            store.num_classes() as u64,
+            store.capacity_per_class() as u64,
+        ];
+        push_words(&mut head, [u64::from(VERSION) | dimensions << 32]);
+        push_words(&mut head, sizes);
+        push_words(&mut head, store.rng.state());
+        push_words(&mut head, store.shape().iter().map(|&size| size as u64));
+        let rings = store.rings.iter();
+        push_words(
+            &mut head,
+            rings.flat_map(|ring| [ring.images.len() as u64, ring.next as u64]),
+        );
+        let places = store.counts().enumerate();
+        Ok(Self {
+            stash,
+            head,
+            places: places
+                .flat_map(|(class, count)| (0..count).map(move |slot| (class, slot)))
+                .collect(),
+            image_bytes: store.image_bytes(),
+        })
     }
-    file.put_checksum()?;
-    file.put_padding()?;
-    let mut pieces = store.rings.iter().flat_map(|ring| ring.images.pieces());
-    pieces.try_for_each(|piece| file.put(piece))?;
-    file.put_checksum()
+
+    /// Writes the file, as [`GoalStore::save`] does. `with_store` hands the store that began this to a function,
+    /// for a piece at a time.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Interrupted`] where the call is to stop.
+    pub fn write(
+        &self,
+        path: &Path,
+        with_store: impl Fn(&mut dyn FnMut(&GoalStore)),
+    ) -> Result<()> {
+        replace(path, |file| {
+            file.put(&self.head)?;
+            file.put_checksum()?;
+            file.put_padding()?;
+            put_records(file, self.image_bytes, &self.places, |places, out| {
+                with_store(&mut |store| {
+                    let images = places.iter().map(|&place| self.image(store, place));
+                    images.for_each(|image| out.extend_from_slice(image));
+                });
+            })?;
+            file.put_checksum()
+        })
+    }
+
+    /// An image as it was when the save began.
+    fn image<'a>(&self, store: &'a GoalStore, (class, slot): (usize, usize)) -> &'a [u8] {
+        let stash = store
+            .stashes
+            .iter()
+            .find(|stash| Some(stash.number) == self.stash);
+        let kept = stash.and_then(|stash| stash.images.get(&(class, slot)));
+        match kept {
+            Some(image) => image,
+            None => store.rings[class].images.get(slot),
+        }
+    }
 }
 
 /// Refuses to write what could not be read back.
