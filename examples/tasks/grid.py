@@ -1,4 +1,4 @@
-"""The smallest task: a grid with four coloured squares, seen as a picture; go to the one told and pick it.
+"""The smallest task: four coloured squares on a grid, seen from above; go to the one told, and pick it.
 
 vhs train --task examples/tasks/grid.py --config examples/tasks/grid.yaml --out runs/grid
 """
@@ -13,7 +13,7 @@ COLOURS = np.array([(255, 40, 40), (40, 220, 40), (60, 90, 255), (250, 220, 30)]
 
 
 class Grid(gymnasium.Env):
-    observation_space = Dict(image=Box(0, 255, (20, 20, 3), np.uint8), goal=Discrete(4))
+    observation_space = Dict(image=Box(0, 255, (36, 36, 3), np.uint8), goal=Discrete(4))
     action_space = Discrete(5)
 
     def reset(self, *, seed=None, options=None):
@@ -23,17 +23,17 @@ class Grid(gymnasium.Env):
         return self.seen(), {}
 
     def seen(self):
-        picture = np.zeros((5, 5, 3), np.uint8)
-        picture[tuple(np.transpose(self.squares))] = COLOURS
-        picture[tuple(self.me)] = 100 + picture[tuple(self.me)] // 2
-        return {"image": picture.repeat(4, 0).repeat(4, 1), "goal": self.goal}
+        world = np.pad(np.zeros((5, 5, 3), np.uint8), ((4, 4), (4, 4), (0, 0)), constant_values=60)
+        world[tuple(4 + np.transpose(self.squares))] = COLOURS
+        view = world[self.me[0] : self.me[0] + 9, self.me[1] : self.me[1] + 9]  # the agent is in its middle
+        return {"image": view.repeat(4, 0).repeat(4, 1), "goal": self.goal}
 
     def step(self, action):
         if action < 4:
             self.me = np.clip(self.me + [(-1, 0), (1, 0), (0, -1), (0, 1)][action], 0, 4)
         on = [label for label, place in enumerate(self.squares) if action == 4 and (place == self.me).all()]
-        reward, info = 10.0 if on == [self.goal] else -0.01, {"reached": on[0] if on else -1}
-        return self.seen(), reward, bool(on), False, info
+        reward = 10.0 if on == [self.goal] else -1.0 if on else -0.01
+        return self.seen(), reward, bool(on), False, {"reached": on[0] if on else -1}
 
 
 task = vhs.Task(make=Grid, max_steps=20, interactions={4: 0}, reached=lambda info: info["reached"])

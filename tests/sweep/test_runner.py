@@ -277,6 +277,7 @@ def test_the_run_of_another_configuration_is_refused_before_anything_starts(
     run.mkdir(parents=True)
     (run / "config.yaml").write_text("seed: 1\ntrain: {gamma: 0.5}\n")
     (run / "run.json").write_text("{}")
+    (run / "log.jsonl").write_text('{"episodes": 500}\n')
     with pytest.raises(
         CheckpointError, match=r"task2-vhs-seed1: holds a run with other values of train\.gamma"
     ):

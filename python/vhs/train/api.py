@@ -29,8 +29,8 @@ def train_on(
             others find it by themselves, and otherwise are told where it is by ``--task`` or ``task=``.
         config: a whole configuration, a YAML file, or keys such as ``{"train.episodes": 2000}``.
         out: directory of the run; made when missing.
-        extractor: makes a feature extractor of one's own; `load_agent` has to be given it again, where the
-            key `model.extractor` names one for good.
+        extractor: makes a feature extractor of one's own, to be given to `load_agent` again; the key
+            `model.extractor` names one for good.
         stream: where a person reads along; standard output by default.
 
     Returns:
