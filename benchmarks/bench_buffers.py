@@ -230,10 +230,8 @@ def channel_cases() -> list[Case]:
     read, acted = copy_from(stored, out), copy_from(stored[:16], seen)
     newest = buffer.ids[-16:]
     return [
-        Case("observe 16, as channels, out", lambda: buffer.observe(out=seen), acted, seen.nbytes / 1e6),
-        Case(
-            "gather 16 x 20, as channels, out", lambda: buffer.gather(newest, out=out), read, out.nbytes / 1e6
-        ),
+        Case("observe 16, channels, out", lambda: buffer.observe(out=seen), acted, seen.nbytes / 1e6),
+        Case("gather 16 x 20, channels, out", lambda: buffer.gather(newest, out=out), read, out.nbytes / 1e6),
     ]
 
 

@@ -17,11 +17,12 @@ from inspect import Parameter, signature
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import DTypeLike
 
 from vhs._core import ArgumentError
 from vhs.actions import action_sizes, doer
 from vhs.asking import asking
+from vhs.readers import GoalDict, GoalReader, Instruction, Seen, entries_of, reader_of
 
 if TYPE_CHECKING:
     import gymnasium
@@ -122,68 +123,6 @@ Motion = Move | Turn
 """What one action does to the pose."""
 
 
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """What an observation says, for the buffer."""
-
-    frame: NDArray[Any]
-    """What to store, of the buffer's `frame_shape`; a number is stored as [1]."""
-    label: int = 0
-    """Instructed goal class."""
-    interaction: int = 0
-    """Instructed interaction."""
-    desired_goal: NDArray[Any] | None = None
-    """The goal told, where goals are observations or vectors; one frame stands for a stack of it."""
-    achieved_goal: NDArray[Any] | None = None
-    """The goal reached, where goals are vectors."""
-
-
-GoalReader = Callable[[Any], Seen]
-"""Observation -> what it says."""
-
-
-@dataclass(frozen=True, slots=True)
-class GoalDict:
-    """Reads the dictionaries of goal-conditioned environments (gymnasium-robotics `GoalEnv`)."""
-
-    def __call__(self, observation: dict[str, Any]) -> Seen:
-        """The observation's three entries."""
-        return Seen(
-            frame=np.asarray(observation["observation"]),
-            desired_goal=np.asarray(observation["desired_goal"]),
-            achieved_goal=np.asarray(observation["achieved_goal"]),
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Instruction:
-    """Reads an image and an instruction: each an entry's name, or a function of the observation."""
-
-    image: str | Callable[[Any], NDArray[Any]] = "image"
-    goal: str | Callable[[Any], int | NDArray[Any]] = "goal"
-    """Goal class, or a picture of the goal, of the image's shape."""
-    interaction: str | Callable[[Any], int] | None = None
-    """Interaction; None where the task has none."""
-
-    def __call__(self, observation: Any) -> Seen:
-        """The image, the goal and the interaction.
-
-        Raises:
-            ArgumentError: For a goal that is neither an integer nor of the image's shape.
-        """
-        interaction = 0 if self.interaction is None else int(_entry(observation, self.interaction))
-        image = np.asarray(_entry(observation, self.image))
-        goal = np.asarray(_entry(observation, self.goal))
-        if goal.ndim == 0 and goal.dtype.kind in "biu":
-            return Seen(image, int(goal), interaction)
-        if goal.shape == image.shape:
-            return Seen(image, interaction=interaction, desired_goal=goal)
-        raise ArgumentError(
-            f"`goal`: expected a class number or a picture of the image's shape {list(image.shape)}, "
-            f"got {goal.dtype} {list(goal.shape)}"
-        )
-
-
 def default_outcome(reward: float, terminated: bool, truncated: bool, info: dict[str, Any]) -> Outcome:
     """What the environment says, in the first of these ways that it has.
 
@@ -199,23 +138,6 @@ def default_outcome(reward: float, terminated: bool, truncated: bool, info: dict
     if terminated:
         return Outcome.SUCCESS if reward > 0 else Outcome.FAILURE
     return Outcome.TIMEOUT
-
-
-def reader_of(space: spaces.Space[Any], field: str = "reader") -> GoalReader:
-    """The reader that fits an observation space; `field` is what an error says was not given.
-
-    Raises:
-        ArgumentError: For a space that says nothing of goals.
-    """
-    entries = set(_entries(space))
-    if {"observation", "achieved_goal", "desired_goal"} <= entries:
-        return GoalDict()
-    if {"image", "goal"} <= entries:
-        return Instruction(interaction="interaction" if "interaction" in entries else None)
-    raise ArgumentError(
-        f"`{field}`: expected one for an observation space without achieved_goal and desired_goal, or image "
-        f"and goal, got None for {space}"
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -476,17 +398,11 @@ def read_spec(
     )
 
 
-def _entries(space: spaces.Space[Any]) -> Mapping[str, spaces.Space[Any]]:
-    from gymnasium import spaces
-
-    return space.spaces if isinstance(space, spaces.Dict) else {}
-
-
 def _classes(space: spaces.Space[Any], entry: str) -> int | None:
     """How many numbers, from 0, an entry of an observation can name; None where it names none."""
     from gymnasium import spaces
 
-    found = _entries(space).get(entry)
+    found = entries_of(space).get(entry)
     return int(found.start + found.n) if isinstance(found, spaces.Discrete) else None
 
 
@@ -509,7 +425,3 @@ def _can_render(make: str | Callable[..., Any]) -> bool:
         return "rgb_array" in getattr(creator, "metadata", {}).get("render_modes", ())
     found = signature(make).parameters
     return "render_mode" in found or any(one.kind is Parameter.VAR_KEYWORD for one in found.values())
-
-
-def _entry(observation: Any, entry: str | Callable[[Any], Any]) -> Any:
-    return observation[entry] if isinstance(entry, str) else entry(observation)
