@@ -28,7 +28,7 @@ seeds: [3, 5]
 grids:
   - grid:
       method.relabel_probability: [0.4, 0.8]
-      method.relabel_on: [[failure], [failure, timeout]]
+      method.relabel_on: [null, [failure, timeout]]
   - set: {method.vhs_weight: 0.0}
     seeds: [3]
 """
