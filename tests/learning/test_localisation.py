@@ -12,6 +12,7 @@ from toy import TOY, TOY_SPEC, toy_config
 from vhs import EpisodeBatch, EpisodeBuffer, Outcome
 from vhs.acting.setup import check_spec
 from vhs.config import load_config
+from vhs.config.yaml12 import dump_yaml
 from vhs.envs import RoomEnv
 from vhs.envs.task import load_task
 from vhs.errors import ConfigError
@@ -161,7 +162,7 @@ def test_the_head_is_learned_to_the_end() -> None:
 
 
 def test_weights_are_the_same_with_and_without_the_head() -> None:
-    plain = make_learner(toy_config("vhs"), SPEC).agent
+    plain = make_learner(toy_config("vhs", "method.localisation_weight=0"), SPEC).agent
     assert plain.sight is None
     own = localising().agent.state_dict()
     for name, weight in plain.state_dict().items():
@@ -185,6 +186,17 @@ def test_a_task_without_moves_does_without() -> None:
     with pytest.raises(ConfigError) as caught:
         check_spec(toy_config("vhs", ON), TOY, TOY_SPEC)
     assert str(caught.value) == message
+
+
+def test_a_task_with_moves_localises_unless_told_otherwise(tmp_path: Path) -> None:
+    assert make_learner(toy_config("vhs"), SPEC).agent.sight is not None
+    assert make_learner(toy_config("vhs", "method.localisation_weight=0"), SPEC).agent.sight is None
+    assert make_learner(toy_config("pg"), SPEC).agent.sight is None
+    tree = load_config().model_dump(mode="json")
+    del tree["method"]["localisation_weight"]
+    path = tmp_path / "config.yaml"
+    path.write_text(dump_yaml(tree))
+    assert load_config([path]).method.localisation_weight == 0, "saved before there was such a term"
 
 
 def test_the_paper_has_none_of_it() -> None:

@@ -79,7 +79,7 @@ def test_the_head_that_localises_travels_along(tmp_path: Path) -> None:
     assert second is not None
     for name, weight in first.state_dict().items():
         assert torch.equal(second.state_dict()[name], weight.half().float()), name
-    without = make_policy(configured())
+    without = make_policy(configured("method.localisation_weight=0"))
     with pytest.raises(CheckpointError, match=r"`agent\.sight\.0\.bias`: expected shape none"):
         read_agent(tmp_path / "agent", without.agent, without.goals)
 

@@ -13,7 +13,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from vhs.config.schema import Config, idle_keys, unread_keys
+from vhs.config.schema import BEFORE, Config, idle_keys, unread_keys
 from vhs.config.yaml12 import dump_yaml, parse_yaml
 from vhs.errors import ConfigError
 from vhs.reading import read_bounded
@@ -36,6 +36,7 @@ def load_config(
 
     A file that names no method speaks to all of them: its keys reach the methods that read them. A whole
     configuration, as a run saves it, may hold keys that its method does not read: earlier versions wrote all.
+    Keys that it lacks are as they were when it was saved (`vhs.config.schema.BEFORE`).
 
     Args:
         paths: YAML files, each a mapping of some of the sections of `Config`.
@@ -153,7 +154,7 @@ def _heard(overlay: Mapping[str, Any], whole: Mapping[str, Any]) -> Mapping[str,
     """What an overlay has to say in the `whole` configuration that it is a part of."""
     section = overlay.get("method")
     if overlay.keys() >= Config.model_fields.keys():
-        return _without(overlay, idle_keys(overlay))
+        return _without(_merged([unflatten(BEFORE), overlay]), idle_keys(overlay))
     names_method = isinstance(section, Mapping) and "name" in section
     return overlay if names_method else _without(overlay, idle_keys(whole))
 

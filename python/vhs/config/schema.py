@@ -138,7 +138,7 @@ class MethodSection(_Section):
     succeeded."""
     discriminator_weight: Annotated[NonNegativeFloat, _DISCRIMINATOR] = 0.5
     """Weight of GDAN's goal-discriminator loss (Kim et al. 2021, their code: 0.5)."""
-    localisation_weight: Annotated[NonNegativeFloat | None, _LOCALISE] = 0.0
+    localisation_weight: Annotated[NonNegativeFloat | None, _LOCALISE] = None
     """Weight of hindsight localisation: whether what an episode reached was in view at each of its steps, by
     dead reckoning from its end (the paper has none); null is 1 where the task says what actions do to the
     pose (`moves`), and 0 elsewhere."""
@@ -311,6 +311,10 @@ def unread_keys(parts: frozenset[str]) -> Iterator[tuple[str, Of]]:
             for of in field.metadata:
                 if isinstance(of, Of) and not of.is_read(parts):
                     yield f"{section}.{leaf}", of
+
+
+BEFORE: dict[str, Any] = {"method.localisation_weight": 0.0}
+"""What a key had been before it existed: a whole configuration that lacks it was saved then."""
 
 
 def idle_keys(tree: Mapping[str, Any]) -> set[str]:
