@@ -52,6 +52,11 @@ tsan:  ## run the scheduler's Rust tests under ThreadSanitizer
 	RUSTC_BOOTSTRAP=1 RUSTFLAGS="-Zsanitizer=thread" CARGO_TARGET_DIR=target/tsan \
 		cargo test -Zbuild-std -p vhs-rollout --target x86_64-unknown-linux-gnu --test threads --test processes --test protocol
 
+# Unstable, as above: libFuzzer's instrumentation.
+fuzz:  ## fuzz what loads files, a minute each (cargo install cargo-fuzz)
+	set -e; for target in load_goals load_episodes; do \
+		RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir rust/fuzz $$target -- -max_total_time=60; done
+
 ci: test  ## what the continuous integration runs: the same as test
 
 clean:  ## remove the environment and everything that was built
