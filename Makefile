@@ -53,9 +53,10 @@ tsan:  ## run the scheduler's Rust tests under ThreadSanitizer
 		cargo test -Zbuild-std -p vhs-rollout --target x86_64-unknown-linux-gnu --test threads --test processes --test protocol
 
 # Unstable, as above: libFuzzer's instrumentation.
-fuzz:  ## fuzz what loads files, a minute each (cargo install cargo-fuzz)
-	set -e; for target in load_goals load_episodes; do \
-		RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir rust/fuzz $$target -- -max_total_time=60; done
+fuzz:  ## fuzz what loads files, a minute each (cargo install cargo-fuzz); new inputs go to target/corpus
+	set -e; for target in load_goals load_episodes; do mkdir -p target/corpus/$$target; \
+		RUSTC_BOOTSTRAP=1 cargo fuzz run --fuzz-dir rust/fuzz $$target \
+			target/corpus/$$target rust/fuzz/corpus/$$target -- -max_total_time=60; done
 
 ci: test  ## what the continuous integration runs: the same as test
 
