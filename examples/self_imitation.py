@@ -123,8 +123,9 @@ def imitate(net: Network, buffer: vhs.EpisodeBuffer, prototypes: vhs.Prototypes,
     )
     is_taught = new | torch.from_numpy(batch.outcomes == vhs.Outcome.SUCCESS)
     valid = torch.from_numpy(batch.mask) * is_taught[:, None].float()
+    taken = log_probs.gather(-1, actions.unsqueeze(-1)).squeeze(-1)
     zeros = torch.zeros_like(valid)  # no critic here
-    return hindsight_imitation_loss(log_probs, actions, zeros, zeros, valid, valid.sum()).policy
+    return hindsight_imitation_loss(taken, zeros, zeros, valid, valid.sum()).policy
 
 
 def recognise(net: Network, goals: vhs.GoalStore, prototypes: vhs.Prototypes) -> Tensor | float:

@@ -170,6 +170,8 @@ def test_a_signal_saves_and_the_same_command_resumes(
         stdout=subprocess.PIPE,
         text=True,
         env=os.environ | {"COLUMNS": "300"},
+        # Whoever runs the tests may ignore hang-ups, as nohup does, and then training would too.
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),
     )
     deadline = time.monotonic() + 60
     while len(read_log(run)) < 1 and time.monotonic() < deadline:

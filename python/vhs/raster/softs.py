@@ -12,13 +12,18 @@ if TYPE_CHECKING:
     Surface = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int32]]
     Flex = tuple[int | None, NDArray[np.float32], NDArray[np.float32]]
 
+_SKIN = 106
+"""`mjGEOM_SKIN`: the type of a listed geom that stands for a skin."""
 _NO_UV = np.zeros((0, 2), np.float32)
 _NO_BALLS, _NO_EDGES = np.zeros((0, 3), np.float32), np.zeros((0, 6), np.float32)
+_NO_SURFACE = _NO_BALLS, _NO_BALLS, _NO_UV, np.zeros((0, 3), np.int32)
 
 
 def softs_of(model: Any, scene: Any) -> tuple[list[Surface], list[int], list[Flex]]:
     """Surfaces, the skins among them, and flexes of a `mujoco.MjvScene`, as `set_softs` takes them."""
-    surfaces = [_skin(model, scene, i) for i in range(scene.nskin)]
+    # What is not listed was not written this time, and may never have been: its memory holds anything.
+    listed = {geom.objid for geom in scene.geoms[: scene.ngeom] if geom.type == _SKIN} if scene.nskin else ()
+    surfaces = [_skin(model, scene, i) if i in listed else _NO_SURFACE for i in range(scene.nskin)]
     skins, flexes = list(range(scene.nskin)), []
     for i in range(scene.nflex):
         surface = None
