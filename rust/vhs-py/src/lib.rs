@@ -75,12 +75,16 @@ mod _core {
     #[pymodule_export]
     use crate::transitions::{TransitionBatch, WindowBatch};
 
+    use numpy::{PyArray1, PyArrayMethods};
     use pyo3::prelude::*;
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         // The version is written once, in Cargo.toml. Not by `add`, which would put it into `__all__`.
         module.setattr("__version__", env!("CARGO_PKG_VERSION"))?;
+        // What is looked up once must not be half looked up by a thread when this process forks: the child would wait
+        // for that thread for ever.
+        drop(PyArray1::<u8>::zeros(module.py(), 1, false).try_readonly());
         crate::error::register(module)
     }
 }
