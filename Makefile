@@ -6,7 +6,7 @@ RUST := $(shell find rust -name '*.rs' -not -path '*/target/*') $(shell find rus
 CONFIG ?= configs/task2.yaml
 ARGS ?=
 
-.PHONY: help train test quick lint format bench cases loom tsan fuzz ci clean
+.PHONY: help train test quick lint format docs bench cases loom tsan fuzz ci clean
 .DEFAULT_GOAL := help
 
 help:  ## show this list
@@ -15,7 +15,7 @@ help:  ## show this list
 train: $(VENV)/.train $(VENV)/.built  ## train a VHS agent on Task 2, or resume it (CONFIG=..., ARGS="--set ...")
 	$(BIN)/vhs train --config $(CONFIG) $(ARGS)
 
-test: lint loom  ## every check: lints, types, Rust tests, every interleaving of the scheduler, Python tests
+test: lint docs loom  ## every check: lints, types, docs, Rust tests, every interleaving of the scheduler, Python tests
 	cargo test --workspace --exclude vhs-py
 	$(BIN)/python -m pytest $(ARGS)
 
@@ -35,6 +35,10 @@ format: $(VENV)/.dev  ## format the Rust and the Python code
 	cargo fmt --all
 	$(BIN)/ruff format
 	$(BIN)/ruff check --fix
+
+docs: $(VENV)/.dev $(VENV)/.built  ## build the docs site into target/site; no link may be broken, no table out of date
+	$(BIN)/python docs/generate.py --check
+	$(BIN)/zensical build --strict
 
 bench: $(VENV)/.dev $(VENV)/.built  ## run every benchmark; each asserts its own result first
 	set -e; for file in benchmarks/bench_*.py; do $(BIN)/python $$file; done

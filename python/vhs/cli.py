@@ -101,7 +101,9 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_sweep(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", type=Path, metavar="FILE", help="YAML sweep file (see docs/comparing.md)")
+    parser.add_argument(
+        "file", type=Path, metavar="FILE", help="YAML sweep file (see docs/guides/comparing.md)"
+    )
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="directory of the runs (default: runs/NAME-OF-FILE)"
     )

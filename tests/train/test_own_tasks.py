@@ -235,7 +235,9 @@ def test_a_resumed_run_drops_what_its_task_cannot_repeat_and_says_so(tmp_path: P
     train(toy_config("vhs", *FEW), tmp_path / "run", StringIO(), task=task)
     said = StringIO()
     assert train(toy_config("vhs", *FEW, "train.episodes=48"), tmp_path / "run", said, task=task)
-    assert re.search(r"dropped [1-9]\d* episodes that were under way: toy cannot repeat them", said.getvalue())
+    assert re.search(
+        r"dropped [1-9]\d* episodes that were under way: toy cannot repeat them", said.getvalue()
+    )
     assert [row["episodes"] for row in read_log(tmp_path / "run")] == [12, 24, 36, 48]
 
 

@@ -229,6 +229,7 @@ class TrainSection(_Section):
     checkpoint_every_s: PositiveFloat = 300.0
     """Seconds between two checkpoints."""
     keep_checkpoints: PositiveInt = 2
+    """Newest checkpoints that are kept, each a few MB beside the goal store."""
 
     @model_validator(mode="before")
     @classmethod
@@ -248,6 +249,7 @@ class Config(_Section):
     task: TaskKey = "task2"
     """One of the rooms, task1 to task3, or a task of one's own: `vhs.config.task`."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    """What every generator of the run follows from: the same seed, the same run."""
     env: EnvSection = Field(default_factory=EnvSection)
     model: ModelSection = Field(default_factory=ModelSection)
     method: MethodSection = Field(default_factory=MethodSection)

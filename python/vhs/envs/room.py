@@ -5,7 +5,7 @@ period of real dynamics, see what is in reach, name the outcome, reward it, draw
 
 Invariants: same seed, same episode, bit for bit; `terminated` means success or failure and `truncated` means
 timeout, never both; `info` names the outcome and the reached object only at the end, for evaluation: a
-learner must not read the reached object. Source: paper, experiments section; docs/environment.md.
+learner must not read the reached object. Source: paper, experiments section; docs/reference/rooms.md.
 """
 
 from __future__ import annotations

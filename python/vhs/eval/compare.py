@@ -1,6 +1,6 @@
 """The comparison of runs: success over seeds, and how many episodes and minutes a success rate takes.
 
-Defined in docs/comparing.md; the formulas are in `vhs.eval.metrics`.
+Defined in docs/guides/comparing.md; the formulas are in `vhs.eval.metrics`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The feature extractor f: stacked frames to a feature vector (paper, appendix "Implementation Details").
 
 Batch norm uses the statistics of the batch when learning and running statistics when acting;
-docs/paper-notes.md says why f(o_T) and the prototypes agree all the same.
+docs/concepts/paper.md says why f(o_T) and the prototypes agree all the same.
 """
 
 from __future__ import annotations

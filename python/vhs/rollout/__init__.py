@@ -1,7 +1,7 @@
 """Environments in worker processes: a pool that gathers whatever is ready, and its gymnasium face.
 
 Needs Linux, and gymnasium, as the extra `env` brings it; neither torch nor mujoco. How it works:
-`docs/rollout.md`.
+`docs/reference/rollout.md`.
 """
 
 import sys

@@ -1,7 +1,7 @@
 //! A lock-free scheduler of environments in worker processes, over one shared mapping.
 //!
 //! One learner asks, many workers step. Indices travel in single-producer rings, observations lie in fixed slots, and a
-//! process that has nothing to do yields for a while and then sleeps. `docs/rollout.md` tells how a slot lives.
+//! process that has nothing to do yields for a while and then sleeps. `docs/reference/rollout.md` tells how a slot lives.
 //!
 //! A learner makes a [`mapping::Mapping`] and a [`pool::Pool`] on it; each worker, a thread or a process, takes up its
 //! post with a [`worker::Worker`]. One round of both, which `examples/pool.rs` makes a whole program of:
