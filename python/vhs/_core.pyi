@@ -40,6 +40,7 @@ __all__ = [
     "EpisodeBatch",
     "EpisodeBuffer",
     "EpisodeError",
+    "Field",
     "GoalStore",
     "Hindsight",
     "LabelError",
@@ -318,6 +319,60 @@ class Prototypes:
         """Weight of the past."""
 
 @final
+class Field:
+    """What a further array of an `EpisodeBuffer` is, such as a compass beside an image.
+
+    ```
+    buffer = vhs.EpisodeBuffer((84, 84, 3), ..., fields={
+        "compass": vhs.Field((2,)),
+        "log_prob": vhs.Field(per="step"),
+    })
+    buffer.begin(0, frame, fields={"compass": compass})
+    buffer.append(0, action, reward, value, frame, fields={"compass": compass, "log_prob": -0.7})
+    ```
+    """
+
+    def __new__(
+        cls,
+        shape: Sequence[int] = (),
+        dtype: DTypeLike = "float32",
+        per: Literal["observation", "step"] = "observation",
+        stacked: bool = False,
+    ) -> Field:
+        """A field.
+
+        Args:
+            shape: Of its array, each size at least 1; empty: one number.
+            dtype: One of those of frames.
+            per: "observation": it comes with every frame, T + 1 an episode. "step": with every action, T.
+            stacked: Whether an observation has it of each of its stacked frames, in the way of the buffer's
+                `stacking`, or of the newest alone; for fields of observations.
+
+        Raises:
+            DtypeError, ArgumentError: For a type or a word that is not one of those above.
+        """
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of its array."""
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Of its array."""
+
+    @property
+    def per(self) -> Literal["observation", "step"]:
+        """What it comes with."""
+
+    @property
+    def stacked(self) -> bool:
+        """Whether an observation has it of each of its stacked frames."""
+
+    def __eq__(self, other: object, /) -> bool: ...
+    def __hash__(self) -> int: ...
+    def __getnewargs__(self) -> tuple[list[int], str, str, bool]: ...
+
+@final
 class EpisodeBuffer:
     """Whole episodes of many environments, each frame stored once although observations stack several.
 
@@ -355,6 +410,7 @@ class EpisodeBuffer:
         goals: Literal["labels", "observations", "vectors"] = "labels",
         goal_shape: Sequence[int] | None = None,
         goal_dtype: DTypeLike | None = None,
+        fields: Mapping[str, Field] | None = None,
         action_dim: int = 0,
         backing: str | PathLike[str] = "memory",
         seed: int = 0,
@@ -382,6 +438,8 @@ class EpisodeBuffer:
             goals: What a goal is; see above.
             goal_shape: Of a goal, where goals are vectors.
             goal_dtype: Of a goal, where goals are vectors; None: float32.
+            fields: Further arrays of observations or steps by name, such as {"compass": Field((2,))}; they are
+                stored once, and in the `fields` of every batch.
             action_dim: Numbers in a continuous action; 0: actions are numbered.
             backing: "memory", or the path of a scratch file that does not exist yet and may grow larger than
                 memory. It vanishes with the buffer, however the process ends; `save` is what keeps episodes.
@@ -403,6 +461,7 @@ class EpisodeBuffer:
         *,
         desired_goal: ArrayLike | None = None,
         achieved_goal: ArrayLike | None = None,
+        fields: Mapping[str, ArrayLike] | None = None,
     ) -> None:
         """Open an episode.
 
@@ -413,10 +472,12 @@ class EpisodeBuffer:
             interaction: Instructed interaction, in 0..num_interactions.
             desired_goal: The goal told, shape `goal_shape`; where goals are observations or vectors.
             achieved_goal: The goal reached at the first frame, shape `goal_shape`; where goals are vectors.
+            fields: The first of each field of observations, of its shape and dtype; none of steps.
 
         Raises:
             ProtocolError: When the stream has an open episode already.
             ShapeError, DtypeError, LabelError: For an argument that does not fit or is missing.
+            ArgumentError: For a field that is missing, or that the buffer does not have.
         """
 
     def append(
@@ -428,6 +489,7 @@ class EpisodeBuffer:
         frame: ArrayLike,
         *,
         achieved_goal: ArrayLike | None = None,
+        fields: Mapping[str, ArrayLike] | None = None,
     ) -> None:
         """Add one step to the open episode of a stream.
 
@@ -438,11 +500,14 @@ class EpisodeBuffer:
             value: The critic's value when acting; None, for learners without one: 0.
             frame: The next frame, shape `frame_shape`.
             achieved_goal: The goal reached at that frame, shape `goal_shape`; where goals are vectors.
+            fields: Of each field its array at that frame, or of the step, of its shape and dtype. Python's
+                own numbers are taken where the dtype holds them.
 
         Raises:
             ProtocolError: When no episode is open, or it has `max_episode_steps` steps already.
             NonFiniteError: For a reward, value or action that is NaN or infinite.
             ShapeError, DtypeError, LabelError: For an argument that does not fit.
+            ArgumentError: For a field that is missing, or that the buffer does not have.
         """
 
     def append_batch(
@@ -454,6 +519,7 @@ class EpisodeBuffer:
         frames: ArrayLike,
         *,
         achieved_goals: ArrayLike | None = None,
+        fields: Mapping[str, ArrayLike] | None = None,
     ) -> None:
         """Add one step to each of several open episodes; where one is refused, none is added.
 
@@ -464,9 +530,10 @@ class EpisodeBuffer:
             values: float32 [n], or None: zeros.
             frames: The next frames, [n, *frame_shape].
             achieved_goals: The goals reached at those frames, [n, *goal_shape]; where goals are vectors.
+            fields: Of each field [n, *its shape], as for `append`.
 
         Raises:
-            ArgumentError: When a stream comes twice.
+            ArgumentError: When a stream comes twice; for a field, as for `append`.
             ProtocolError, NonFiniteError, ShapeError, DtypeError, LabelError: As for `append`.
         """
 
@@ -509,6 +576,20 @@ class EpisodeBuffer:
             ProtocolError: When a stream has no open episode.
             LabelError, DtypeError: For streams that do not fit.
             ShapeError, DtypeError, LayoutError: For an `out` that does not fit.
+        """
+
+    def observe_fields(self, streams: ArrayLike | None = None) -> dict[str, NDArray[Any]]:
+        """The fields of the newest observation of each stream, for acting: `observe` gives its frames.
+
+        Args:
+            streams: int64 [n]; None: all.
+
+        Returns:
+            Each field of observations by its name, [n, *shape], or [n, *stacked shape]; none of steps.
+
+        Raises:
+            ProtocolError: When a stream has no open episode.
+            LabelError, DtypeError: For streams that do not fit.
         """
 
     def gather(
@@ -699,7 +780,7 @@ class EpisodeBuffer:
 
     @property
     def nbytes(self) -> int:
-        """Bytes set aside for frames so far."""
+        """Bytes set aside for frames, goals reached and fields so far."""
 
     @property
     def frame_shape(self) -> tuple[int, ...]:
@@ -716,6 +797,10 @@ class EpisodeBuffer:
     @property
     def dtype(self) -> np.dtype[Any]:
         """Of frames."""
+
+    @property
+    def fields(self) -> dict[str, Field]:
+        """Further arrays of observations and steps, by name."""
 
     @property
     def goals(self) -> Literal["labels", "observations", "vectors"]:
@@ -793,6 +878,10 @@ class EpisodeBatch:
     @property
     def achieved_goals(self) -> NDArray[Any] | None:
         """The goals reached, laid out as the observations; None where observations are what is reached."""
+
+    @property
+    def fields(self) -> dict[str, NDArray[Any]]:
+        """Each field by its name: of observations laid out as these, of steps [B, T, *shape] as actions."""
 
     @property
     def terminated(self) -> NDArray[np.bool_]:
@@ -873,6 +962,14 @@ class TransitionBatch:
         """Goals reached before the step, [n, *goal_shape]; None where `observations` are that."""
 
     @property
+    def fields(self) -> dict[str, NDArray[Any]]:
+        """Each field by its name, [n, *shape] or [n, *stacked shape]: of `observations`, or of the step."""
+
+    @property
+    def next_fields(self) -> dict[str, NDArray[Any]]:
+        """Each field of observations by its name, of `next_observations`; none of steps."""
+
+    @property
     def actions(self) -> NDArray[Any]:
         """Actions, int64 [n], or float32 [n, action_dim]."""
 
@@ -937,6 +1034,10 @@ class WindowBatch:
     @property
     def achieved_goals(self) -> NDArray[Any] | None:
         """Goals reached by each observation, [n, W + 1, *goal_shape]; None where observations are that."""
+
+    @property
+    def fields(self) -> dict[str, NDArray[Any]]:
+        """Each field by its name: of observations [n, W + 1, *shape], of steps [n, W, *shape]."""
 
     @property
     def actions(self) -> NDArray[Any]:

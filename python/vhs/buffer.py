@@ -57,6 +57,7 @@ def make_buffer(
         dtype=spec.frame_dtype,
         action_dim=spec.action_dim,
         goals=spec.goals,
+        fields=spec.fields,
         backing=backing,
         seed=seed,
         **(vectors if spec.goals == "vectors" else {}),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,6 +31,9 @@ class Seen:
     """The goal told, where goals are observations or vectors; one frame stands for a stack of it."""
     achieved_goal: NDArray[Any] | None = None
     """The goal reached, where goals are vectors."""
+    fields: Mapping[str, Any] = field(default_factory=dict)
+    """What else there is to be stored of the observation, such as joint angles beside an image: arrays or numbers
+    by name, of the buffer's `fields`."""
 
 
 GoalReader = Callable[[Any], Seen]
@@ -41,12 +44,16 @@ GoalReader = Callable[[Any], Seen]
 class GoalDict:
     """Reads the dictionaries of goal-conditioned environments (gymnasium-robotics `GoalEnv`)."""
 
+    fields: tuple[str, ...] = ()
+    """Further entries to be stored."""
+
     def __call__(self, observation: dict[str, Any]) -> Seen:
-        """The observation's three entries."""
+        """The observation's three entries, and the further ones."""
         return Seen(
             frame=np.asarray(observation["observation"]),
             desired_goal=np.asarray(observation["desired_goal"]),
             achieved_goal=np.asarray(observation["achieved_goal"]),
+            fields={name: observation[name] for name in self.fields},
         )
 
 
@@ -59,6 +66,8 @@ class Instruction:
     """Goal class, or a picture of the goal, of the image's shape."""
     interaction: str | Callable[[Any], int] | None = None
     """Interaction; None where the task has none."""
+    fields: tuple[str, ...] = ()
+    """Further entries to be stored, such as a compass."""
 
     def __call__(self, observation: Any) -> Seen:
         """The image, the goal and the interaction.
@@ -69,10 +78,11 @@ class Instruction:
         interaction = 0 if self.interaction is None else int(_entry(observation, self.interaction))
         image = np.asarray(_entry(observation, self.image))
         goal = np.asarray(_entry(observation, self.goal))
+        fields = {name: observation[name] for name in self.fields}
         if goal.ndim == 0 and goal.dtype.kind in "biu":
-            return Seen(image, int(goal), interaction)
+            return Seen(image, int(goal), interaction, fields=fields)
         if goal.shape == image.shape:
-            return Seen(image, interaction=interaction, desired_goal=goal)
+            return Seen(image, interaction=interaction, desired_goal=goal, fields=fields)
         raise ArgumentError(
             f"`goal`: expected a class number or a picture of the image's shape {list(image.shape)}, "
             f"got {goal.dtype} {list(goal.shape)}"

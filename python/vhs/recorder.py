@@ -20,7 +20,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from vhs._core import EpisodeBuffer, LabelError, ProtocolError
+from vhs._core import EpisodeBuffer, Field, LabelError, ProtocolError
 from vhs.actions import stored_action
 from vhs.buffer import as_goal
 from vhs.buffer import make_buffer as buffer_of
@@ -94,6 +94,8 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         self.stream = stream
         self.value = 0.0
         """The critic's value at the newest observation, where there is a critic; set it before `step`."""
+        self.fields: dict[str, Any] = {}
+        """Of the next step each field of steps, such as a log-probability; set it before `step`."""
         self.last_id: int | None = None
         """Id of the newest episode that this environment finished."""
         self._reader = reader or reader_of(env.observation_space)
@@ -124,6 +126,7 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             seen.interaction,
             desired_goal=self._goal(seen.desired_goal),
             achieved_goal=self._goal(seen.achieved_goal),
+            fields=self._fields(seen),
         )
         return observation, info
 
@@ -168,6 +171,7 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
             self.value,
             self._frame(seen),
             achieved_goal=self._goal(seen.achieved_goal),
+            fields={**self._fields(seen), **self.fields},
         )
         if self._keeps_infos is None:
             self._keeps_infos = self._reads_infos(seen)
@@ -215,12 +219,16 @@ class HindsightRecorder(gymnasium.Wrapper[Any, Any, Any, Any]):
         return stored if self.buffer.action_dim else stored + self.buffer.first_action
 
     def _frame(self, seen: Seen) -> NDArray[Any]:
-        return _converted(seen.frame, self.buffer.dtype)
+        return _converted(np.atleast_1d(seen.frame), self.buffer.dtype)
+
+    def _fields(self, seen: Seen) -> dict[str, NDArray[Any]]:
+        known = self.buffer.fields
+        return {name: _as_field(part, known.get(name)) for name, part in seen.fields.items()}
 
     def _goal(self, goal: NDArray[Any] | None) -> NDArray[Any] | None:
         if goal is None:
             return None
-        return as_goal(self.buffer, _converted(goal, self.buffer.goal_dtype))
+        return as_goal(self.buffer, _converted(np.atleast_1d(goal), self.buffer.goal_dtype))
 
 
 def make_buffer(
@@ -294,9 +302,13 @@ def _as_said(space: spaces.Space[Any], observation: Any) -> Any:
     return observation
 
 
+def _as_field(part: Any, field: Field | None) -> NDArray[Any]:
+    """A further array of an observation as the buffer stores it; one that it does not have is for it to refuse."""
+    return np.asarray(part) if field is None else _converted(np.asarray(part), field.dtype)
+
+
 def _converted(array: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
     """An array in the type that a buffer stores, or as it is where that would lose more than precision."""
-    array = np.atleast_1d(array)
     if array.dtype == dtype or np.can_cast(array.dtype, dtype, "safe"):
         return array.astype(dtype, copy=False)
     if dtype.kind in "iu" and array.dtype.kind in "iu":

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 from numpy.typing import DTypeLike
 
-from vhs._core import ArgumentError
+from vhs._core import ArgumentError, Field
 from vhs.actions import action_sizes, doer
 from vhs.asking import asking
 from vhs.readers import GoalDict, GoalReader, Instruction, Seen, entries_of, reader_of
@@ -160,6 +160,8 @@ class TaskSpec:
     goal_shape: tuple[int, ...] = ()
     """Of a goal that is a vector."""
     goal_dtype: DTypeLike = np.float32
+    fields: Mapping[str, Field] = field(default_factory=dict)
+    """Further arrays of an observation, beside the frame."""
     interactions: Mapping[int, int] = field(default_factory=dict)
     """Action -> the interaction that it does; the other actions are moves."""
     num_interactions: int = 0
@@ -393,6 +395,7 @@ def read_spec(
         interactions=interactions,
         num_interactions=max([num_interactions, *(done + 1 for done in interactions.values())]),
         success_reward=success_reward,
+        fields={name: _field(part) for name, part in seen.fields.items()},
         **actions._asdict(),
         **goals,
     )
@@ -404,6 +407,12 @@ def _classes(space: spaces.Space[Any], entry: str) -> int | None:
 
     found = entries_of(space).get(entry)
     return int(found.start + found.n) if isinstance(found, spaces.Discrete) else None
+
+
+def _field(part: Any) -> Field:
+    """What a further array of an observation is; numbers of Python's are float32."""
+    dtype = part.dtype if isinstance(part, np.ndarray | np.generic) else np.dtype(np.float32)
+    return Field(np.shape(part), dtype)
 
 
 def _stored(dtype: np.dtype[Any]) -> np.dtype[Any]:

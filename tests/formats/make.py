@@ -60,6 +60,7 @@ def of_episodes(path: Path) -> str:
     return digest(
         *kept,
         *(getattr(batch, name) for name in ARRAYS),
+        *(part for name, field in batch.fields.items() for part in (name, buffer.fields[name], field)),
         *(hindsight.goal_rows, hindsight.interactions, hindsight.selected),
         *(steps.ids, steps.steps, steps.goals, steps.goal_steps, steps.interactions, steps.rewards),
         buffer.sample_episodes(7).ids,
@@ -103,6 +104,17 @@ def make_vectors(path: Path) -> None:
     record(path, {**goal, "action_dim": 2, "dtype": "float32", "frame_stack": 1})
 
 
+def make_fields(path: Path) -> None:
+    """Further arrays: of observations, of their stacks, of steps, and single numbers."""
+    fields = {
+        "compass": vhs.Field((2,), "float64"),
+        "depth": vhs.Field((2, 3), "uint8", stacked=True),
+        "log_prob": vhs.Field(per="step"),
+        "é": vhs.Field(dtype="int16", per="step"),
+    }
+    record(path, {"fields": fields})
+
+
 def record(path: Path, kind: dict[str, object]) -> None:
     """Five short episodes, the first ones evicted, and one on another stream that is still open."""
     sizes = {"num_streams": 2, "max_episode_steps": 4, "capacity_steps": 10, "seed": 5}
@@ -112,10 +124,18 @@ def record(path: Path, kind: dict[str, object]) -> None:
     def frame() -> np.ndarray:
         return rng.integers(0, 256, FRAME).astype(buffer.dtype)
 
+    def further(*of: str) -> dict[str, object]:
+        declared = {name: field for name, field in buffer.fields.items() if field.per in of}
+        made = {name: rng.integers(0, 100, field.shape) for name, field in declared.items()}
+        return (
+            {"fields": {name: made[name].astype(declared[name].dtype) for name in made}} if declared else {}
+        )
+
     def begin(stream: int, number: int) -> None:
         told = {} if buffer.goals == "labels" else {"desired_goal": goal()}
         goals, interactions = buffer.num_goals, max(1, buffer.num_interactions)
-        buffer.begin(stream, frame(), number % goals, number % interactions, **told, **reached())
+        beside = {**told, **reached(), **further("observation")}
+        buffer.begin(stream, frame(), number % goals, number % interactions, **beside)
 
     def goal() -> np.ndarray:
         return rng.integers(0, 256, buffer.goal_shape).astype(buffer.goal_dtype)
@@ -127,7 +147,8 @@ def record(path: Path, kind: dict[str, object]) -> None:
         # An episode ends with an interaction where there are any.
         numbered = 3 + number % 3 if is_last and buffer.num_interactions else int(rng.integers(3))
         action = rng.normal(size=buffer.action_dim) if buffer.action_dim else numbered
-        buffer.append(0, action, float(rng.normal()), float(rng.normal()), frame(), **reached())
+        beside = {**reached(), **further("observation", "step")}
+        buffer.append(0, action, float(rng.normal()), float(rng.normal()), frame(), **beside)
 
     begin(1, 0)  # stays open
     for number, length in enumerate(LENGTHS):
@@ -141,11 +162,12 @@ def record(path: Path, kind: dict[str, object]) -> None:
 
 FILES = {
     "goals-1.vhs": (make_goals, of_goals),
-    "episodes-3-labels.vhs": (make_labels, of_episodes),
-    "episodes-3-observations.vhs": (make_observations, of_episodes),
-    "episodes-3-vectors.vhs": (make_vectors, of_episodes),
-    "episodes-3-channels.vhs": (make_channels, of_episodes),
-    "episodes-3-depths.vhs": (make_depths, of_episodes),
+    "episodes-4-labels.vhs": (make_labels, of_episodes),
+    "episodes-4-observations.vhs": (make_observations, of_episodes),
+    "episodes-4-vectors.vhs": (make_vectors, of_episodes),
+    "episodes-4-channels.vhs": (make_channels, of_episodes),
+    "episodes-4-depths.vhs": (make_depths, of_episodes),
+    "episodes-4-fields.vhs": (make_fields, of_episodes),
 }
 
 

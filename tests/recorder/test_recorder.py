@@ -369,3 +369,71 @@ def test_a_goal_that_is_neither_class_nor_picture_is_refused() -> None:
             vhs.ArgumentError, match="`goal`: expected a class number or a picture.*got " + got
         ):
             Instruction()({"image": image, "goal": goal})
+
+
+class Guided(gymnasium.Env[dict[str, Any], int]):
+    """A picture, a class, a compass and a number of Python's."""
+
+    observation_space = spaces.Dict(
+        {
+            "image": spaces.Box(0, 255, (2, 2, 3), np.uint8),
+            "goal": spaces.Discrete(3),
+            "compass": spaces.Box(-1, 1, (2,), np.float64),
+            "battery": spaces.Box(0, 1, (), np.float32),
+        }
+    )
+    action_space = spaces.Discrete(2)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, Any]:
+        super().reset(seed=seed)
+        self._t = 0
+        return self._seen(), {}
+
+    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        self._t += 1
+        return self._seen(), 0.0, self._t == 3, False, {}
+
+    def _seen(self) -> dict[str, Any]:
+        image = np.full((2, 2, 3), self._t, np.uint8)
+        return {"image": image, "goal": 1, "compass": np.full(2, self._t / 4), "battery": 1 - self._t / 4}
+
+
+def test_further_entries_are_recorded_where_the_reader_says_so() -> None:
+    env, reader = Guided(), Instruction(fields=("compass", "battery"))
+    buffer = make_buffer(env, capacity_steps=10, max_episode_steps=5, reader=reader)
+    assert buffer.fields == {"compass": vhs.Field((2,), "float64"), "battery": vhs.Field()}
+    recorder = HindsightRecorder(env, buffer, reader=reader)
+    for _ in range(2):
+        recorder.reset()
+        for action in (0, 1, 0):
+            recorder.step(action)
+    batch = buffer.gather([0, 1])
+    assert batch.fields["compass"].tolist() == [[t / 4] * 2 for t in range(4)] * 2
+    assert batch.fields["battery"].tolist() == [1 - t / 4 for t in range(4)] * 2
+
+
+def test_what_comes_with_a_step_is_set_before_it() -> None:
+    env = Guided()
+    buffer = vhs.EpisodeBuffer(
+        (2, 2, 3),
+        num_streams=1,
+        max_episode_steps=3,
+        capacity_steps=3,
+        num_goals=3,
+        fields={"log_prob": vhs.Field(per="step")},
+    )
+    recorder = HindsightRecorder(env, buffer)
+    recorder.reset()
+    for step in range(3):
+        recorder.fields["log_prob"] = -step / 2
+        recorder.step(0)
+    assert buffer.gather([0]).fields["log_prob"].tolist() == [[0, -0.5, -1]]
+
+
+def test_a_field_that_the_buffer_does_not_have_is_refused() -> None:
+    env = Guided()
+    buffer = make_buffer(env, capacity_steps=10, max_episode_steps=5)
+    recorder = HindsightRecorder(env, buffer, reader=Instruction(fields=("compass",)))
+    with pytest.raises(vhs.ArgumentError, match='`fields`: expected none, got "compass"'):
+        recorder.reset()
+    assert not buffer.open.any()

@@ -5,7 +5,7 @@
 mod support;
 
 use libfuzzer_sys::fuzz_target;
-use vhs_core::config::{Backing, GoalKind};
+use vhs_core::config::{Backing, GoalKind, Per};
 use vhs_core::episodes::{EpisodeBuffer, Opening, Steps};
 use vhs_core::outcome::Outcome;
 use vhs_core::reward::SparseReward;
@@ -26,10 +26,21 @@ fn play(buffer: &mut EpisodeBuffer) {
         0 => (vec![config.first_action], Vec::new()),
         dim => (Vec::new(), vec![0.0; dim]),
     };
+    let of_steps: Vec<_> = config.fields.iter().map(|field| vec![0; field.bytes()]).collect();
+    let of_steps: Vec<_> = of_steps.iter().map(Vec::as_slice).collect();
+    let per = config.fields.iter().map(|field| field.per);
+    let first: Vec<_> = per
+        .zip(&of_steps)
+        .map(|(per, &zeros)| match per {
+            Per::Observation => zeros,
+            Per::Step => &[],
+        })
+        .collect();
     let opening = Opening {
         frame: &frame,
         desired,
         achieved,
+        fields: &first,
         ..Opening::default()
     };
     let steps = Steps {
@@ -40,6 +51,7 @@ fn play(buffer: &mut EpisodeBuffer) {
         values: &[0.0],
         frames: &frame,
         achieved,
+        fields: &of_steps,
     };
     buffer.begin_with(0, opening).expect("an idle stream");
     buffer.append(steps).expect("an open episode");
@@ -59,7 +71,11 @@ fuzz_target!(|data: &[u8]| {
     for mut buffer in loaded.into_iter().chain(mapped) {
         // A stack may be a million frames high: only what a sane batch costs is asked for.
         let config = buffer.config();
-        let step = config.observation_bytes() + config.goal_bytes() + 8 * config.action_dim;
+        let fields = config.fields.iter().map(|field| field.bytes() * config.frame_stack);
+        let step = config.observation_bytes()
+            + config.goal_bytes()
+            + 8 * config.action_dim
+            + fields.sum::<usize>();
         if step * 100 < 1 << 24 {
             play(&mut buffer);
             let reward = SparseReward::default();

@@ -4,7 +4,7 @@ use vhs_base::check;
 use vhs_base::error::{Error, Result};
 
 /// The type of the elements of frames or goal vectors. The numbers are those of the file format.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[repr(u8)]
 #[non_exhaustive]
 pub enum Item {

@@ -39,7 +39,7 @@ where
 
 /// An array of exactly this element type, copied only where it is not contiguous or not aligned.
 pub(crate) fn exact<'py, T: Element>(
-    field: &'static str,
+    field: &str,
     argument: &Bound<'py, PyAny>,
 ) -> PyResult<PyReadonlyArrayDyn<'py, T>> {
     let array = as_array(field, argument)?;
@@ -261,7 +261,7 @@ fn converted<'py, T: Element>(
 
 /// Any argument as some array.
 pub(crate) fn as_array<'py>(
-    field: &'static str,
+    field: &str,
     argument: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyUntypedArray>> {
     if let Ok(array) = argument.cast::<PyUntypedArray>() {
@@ -279,7 +279,7 @@ pub(crate) fn as_array<'py>(
 
 /// A borrow of an array, copied first where it is not contiguous or not aligned (`np.frombuffer` with an offset).
 pub(crate) fn readonly<'py, T: Element>(
-    field: &'static str,
+    field: &str,
     array: &Bound<'py, PyArrayDyn<T>>,
 ) -> PyResult<PyReadonlyArrayDyn<'py, T>> {
     if array.is_c_contiguous() && array.is_aligned() {
@@ -318,7 +318,7 @@ pub(crate) fn borrow_mut<'py, T: Element>(
     out.try_readwrite().map_err(|error| in_use("out", &error))
 }
 
-fn in_use(field: &'static str, error: &BorrowError) -> PyErr {
+fn in_use(field: &str, error: &BorrowError) -> PyErr {
     let got = match error {
         BorrowError::NotWriteable => "a read-only one",
         _ => "one in use by another call",

@@ -2,6 +2,7 @@
 
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use vhs_core::batch::BatchIndex;
 use vhs_core::relabel::{self as core, EpisodeEnd};
 
@@ -51,6 +52,9 @@ pub(crate) struct EpisodeBatch {
     #[doc = stub!("EpisodeBatch.achieved_goals")]
     #[pyo3(get)]
     achieved_goals: Option<Py<PyAny>>,
+    #[doc = stub!("EpisodeBatch.fields")]
+    #[pyo3(get)]
+    fields: Py<PyDict>,
     #[doc = stub!("EpisodeBatch.terminated")]
     #[pyo3(get)]
     terminated: Py<PyArrayDyn<bool>>,
@@ -89,6 +93,7 @@ impl EpisodeBatch {
     pub(crate) fn from_core(
         py: Python<'_>,
         large: [Option<Bound<'_, PyAny>>; 3],
+        fields: Py<PyDict>,
         index: BatchIndex,
         hindsight: Option<core::Hindsight>,
         action_dim: usize,
@@ -103,6 +108,7 @@ impl EpisodeBatch {
             observations,
             desired_goals,
             achieved_goals,
+            fields,
             terminated: into_array(py, index.terminated, &episodes)?.unbind(),
             ids: into_array(py, index.ids, &episodes)?.unbind(),
             offsets: into_array(py, index.offsets, &episodes)?.unbind(),

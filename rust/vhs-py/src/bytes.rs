@@ -14,7 +14,7 @@ use vhs_core::item::Item;
 use vhs_core::pool::Bytes;
 
 use crate::arrays::{as_array, borrow_mut, exact, readonly, type_name};
-use crate::error::{dtype, layout, to_py};
+use crate::error::{dtype, layout, shape as shape_error, to_py};
 
 /// Keeps pooled memory alive for the arrays that show it.
 #[pyclass(frozen, module = "vhs._core")]
@@ -55,19 +55,19 @@ pub(crate) fn item(field: &'static str, argument: &Bound<'_, PyAny>) -> PyResult
 
 /// An array argument of exactly this type and shape, as bytes.
 pub(crate) fn bytes_of<'py>(
-    field: &'static str,
+    field: &str,
     argument: &Bound<'py, PyAny>,
     item: Item,
     shape: &[usize],
 ) -> PyResult<PyReadonlyArrayDyn<'py, u8>> {
     if item == Item::U8 {
         let array = exact::<u8>(field, argument)?;
-        check_shape(field, shape, array.shape()).map_err(to_py)?;
+        same_shape(field, shape, array.shape())?;
         return Ok(array);
     }
     let array = as_array(field, argument)?;
     check_type(field, &array, item)?;
-    check_shape(field, shape, array.shape()).map_err(to_py)?;
+    same_shape(field, shape, array.shape())?;
     let numpy = argument.py().import("numpy")?;
     if item == Item::Bool {
         // A byte that numpy calls a bool need not be 0 or 1: stored ones are, so that equal truths are equal bytes.
@@ -167,7 +167,15 @@ pub(crate) fn filled_bytes<'py, X>(
     Ok((out.clone(), beside))
 }
 
-fn check_type(field: &'static str, array: &Bound<'_, PyUntypedArray>, item: Item) -> PyResult<()> {
+/// Refuses another shape than this one.
+fn same_shape(field: &str, expected: &[usize], got: &[usize]) -> PyResult<()> {
+    if expected == got {
+        return Ok(());
+    }
+    Err(shape_error(field, &format!("{expected:?}"), got))
+}
+
+fn check_type(field: &str, array: &Bound<'_, PyUntypedArray>, item: Item) -> PyResult<()> {
     let found = array.dtype().getattr("name")?.extract::<String>()?;
     if found == item_name(item) {
         return Ok(());

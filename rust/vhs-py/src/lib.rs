@@ -21,6 +21,7 @@ mod bytes;
 mod egomotion;
 mod episode_buffer;
 mod error;
+mod field;
 mod goals;
 mod hindsight;
 mod interrupt;
@@ -51,6 +52,8 @@ mod _core {
     use crate::egomotion::egomotion;
     #[pymodule_export]
     use crate::episode_buffer::EpisodeBuffer;
+    #[pymodule_export]
+    use crate::field::Field;
     #[pymodule_export]
     use crate::goals::GoalStore;
     #[pymodule_export]

@@ -2,6 +2,7 @@
 
 use numpy::PyArrayDyn;
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 use vhs_core::picks::GoalIndex;
 use vhs_core::transitions::TransitionIndex;
 use vhs_core::windows::WindowIndex;
@@ -25,6 +26,10 @@ pub(crate) struct TransitionBatch {
     achieved_goals: Option<Py<PyAny>>,
     #[doc = stub!("TransitionBatch.previous_achieved_goals")]
     previous_achieved_goals: Option<Py<PyAny>>,
+    #[doc = stub!("TransitionBatch.fields")]
+    fields: Py<PyDict>,
+    #[doc = stub!("TransitionBatch.next_fields")]
+    next_fields: Py<PyDict>,
     #[doc = stub!("TransitionBatch.actions")]
     actions: Py<PyAny>,
     #[doc = stub!("TransitionBatch.rewards")]
@@ -58,6 +63,8 @@ pub(crate) struct WindowBatch {
     goals: Option<Py<PyAny>>,
     #[doc = stub!("WindowBatch.achieved_goals")]
     achieved_goals: Option<Py<PyAny>>,
+    #[doc = stub!("WindowBatch.fields")]
+    fields: Py<PyDict>,
     #[doc = stub!("WindowBatch.actions")]
     actions: Py<PyAny>,
     #[doc = stub!("WindowBatch.rewards")]
@@ -120,6 +127,7 @@ impl TransitionBatch {
     pub(crate) fn from_core(
         py: Python<'_>,
         large: Large<'_>,
+        [fields, next_fields]: [Py<PyDict>; 2],
         index: TransitionIndex,
         action_dim: usize,
     ) -> PyResult<Self> {
@@ -138,6 +146,8 @@ impl TransitionBatch {
             goals,
             achieved_goals,
             previous_achieved_goals,
+            fields,
+            next_fields,
             actions: actions(py, index.actions, index.vectors, &n, action_dim)?,
             rewards: into_array(py, index.rewards, &n)?.unbind(),
             terminated: into_array(py, index.terminated, &n)?.unbind(),
@@ -157,6 +167,7 @@ impl WindowBatch {
     pub(crate) fn from_core(
         py: Python<'_>,
         large: Large<'_>,
+        fields: Py<PyDict>,
         index: WindowIndex,
         action_dim: usize,
     ) -> PyResult<Self> {
@@ -168,6 +179,7 @@ impl WindowBatch {
             observations,
             goals,
             achieved_goals,
+            fields,
             actions: actions(py, index.actions, index.vectors, &cells, action_dim)?,
             rewards: into_array(py, index.rewards, &cells)?.unbind(),
             values: into_array(py, index.values, &cells)?.unbind(),

@@ -7,6 +7,8 @@
 use crate::buffer::config::EpisodeConfig;
 use crate::buffer::episode::Episode;
 use crate::buffer::episodes::EpisodeBuffer;
+use crate::buffer::field::{Field, Per};
+use crate::buffer::layer::Layer;
 use crate::hindsight::rule::{EpisodeEnd, Hindsight, Rule};
 use crate::labels::{class_of, label_of};
 use crate::storage::pool::Bytes;
@@ -71,6 +73,9 @@ pub struct Batch {
     /// Goal vectors reached by each observation, laid out as these; empty where observations are what is
     /// reached.
     pub achieved_goals: Bytes,
+    /// Each field: of observations laid out as these, `[rows, *row_shape]`; of steps `[B, T, *shape]`, zero
+    /// after the end.
+    pub fields: Vec<Bytes>,
     /// Everything else.
     pub index: BatchIndex,
 }
@@ -159,7 +164,7 @@ impl EpisodeBuffer {
             self.observation_bytes(),
             &mut observations,
         )?;
-        self.with_goals(&episodes, index, observations)
+        self.with_parts(&episodes, index, observations)
     }
 
     /// As [`EpisodeBuffer::gather_as`], with the observations written over the beginning of `out`; those of
@@ -180,11 +185,11 @@ impl EpisodeBuffer {
             )?;
         }
         self.write_packed(&episodes, &index, row_bytes, &mut out[..bytes])?;
-        self.with_goals(&episodes, index, Bytes::default())
+        self.with_parts(&episodes, index, Bytes::default())
     }
 
-    /// Adds the goals that episodes were told, and those that vectors say were reached.
-    fn with_goals(
+    /// Adds the goals that episodes were told, those that vectors say were reached, and the fields.
+    fn with_parts(
         &self,
         episodes: &[&Episode],
         index: BatchIndex,
@@ -210,8 +215,35 @@ impl EpisodeBuffer {
             observations,
             desired_goals,
             achieved_goals,
+            fields: self.gather_fields(episodes, &index)?,
             index,
         })
+    }
+
+    fn gather_fields(&self, episodes: &[&Episode], index: &BatchIndex) -> Result<Vec<Bytes>> {
+        let gather = |(field, layer): (&Field, Layer<'_>)| {
+            let row = field.row_bytes(self.config.frame_stack);
+            let rows = match field.per {
+                Per::Observation => index.rows,
+                Per::Step => episodes.len() * index.longest,
+            };
+            let mut out = Bytes::take("gather", check::product("ids", &[rows, row])?)?;
+            match field.per {
+                Per::Observation => self.write_rows(index, row, &mut out, |place, out| {
+                    layer.write_all(episodes[place], 0, row, out);
+                })?,
+                Per::Step => {
+                    let cells = out.chunks_exact_mut(index.longest * row);
+                    for (episode, cells) in episodes.iter().zip(cells) {
+                        let (steps, padding) = cells.split_at_mut(episode.len() * row);
+                        layer.write_all(episode, 1, row, steps);
+                        padding.fill(0);
+                    }
+                }
+            }
+            Ok(out)
+        };
+        self.layers().map(gather).collect()
     }
 
     /// Every frame of every observation of the episodes.
@@ -353,6 +385,28 @@ impl EpisodeBuffer {
         check_shape("out", &[bytes], &[out.len()])?;
         self.write_newest(&episodes, out);
         Ok(())
+    }
+
+    /// Each field of the newest observation of these streams; empty for those of steps.
+    ///
+    /// # Errors
+    /// As [`EpisodeBuffer::observe`].
+    pub fn observe_fields(&self, streams: &[i64]) -> Result<Vec<Bytes>> {
+        let episodes = self.observed(streams)?;
+        let newest = |(field, layer): (&Field, Layer<'_>)| {
+            let row = field.row_bytes(self.config.frame_stack);
+            let rows = if field.per == Per::Step {
+                0
+            } else {
+                episodes.len()
+            };
+            let mut out = Bytes::take("observe", check::product("streams", &[rows, row])?)?;
+            for (episode, out) in episodes.iter().zip(out.chunks_exact_mut(row)) {
+                layer.write(episode, episode.len(), out);
+            }
+            Ok(out)
+        };
+        self.layers().map(newest).collect()
     }
 
     fn index(&self, ids: &[i64], layout: Layout) -> Result<(Vec<&Episode>, BatchIndex)> {

@@ -3,9 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use crate::buffer::field::check_fields;
+pub use crate::buffer::field::{Field, Per};
 pub use crate::item::Item;
 use crate::item::volume;
 use crate::labels::{class_of, label_of};
+pub use crate::storage::stacking::Stacking;
 use vhs_base::check::{self, check_labels, check_range};
 use vhs_base::error::{Error, Result};
 
@@ -28,18 +31,6 @@ pub enum GoalKind {
         /// Type of its elements.
         item: Item,
     },
-}
-
-/// How the frames of an observation lie in it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[repr(u8)]
-pub enum Stacking {
-    /// One frame after the other, oldest first: `[frame_stack, *frame_shape]`.
-    #[default]
-    Frames = 0,
-    /// As the channels of one picture: of each pixel the oldest frame's channels first, so that frames of
-    /// `[H, W, C]` make an observation of `[H, W, frame_stack * C]`.
-    Channels = 1,
 }
 
 /// Where frames lie.
@@ -75,6 +66,8 @@ pub struct EpisodeConfig {
     pub stacking: Stacking,
     /// What a goal is.
     pub goal_kind: GoalKind,
+    /// Further arrays of observations and steps.
+    pub fields: Vec<Field>,
     /// Goal classes.
     pub num_goals: usize,
     /// Numbered actions; None: any of the 2^20 numbers from `first_action` on is one.
@@ -106,6 +99,7 @@ impl Default for EpisodeConfig {
             frame_stack: 1,
             stacking: Stacking::Frames,
             goal_kind: GoalKind::Labels,
+            fields: Vec::new(),
             num_goals: 1,
             num_actions: None,
             first_action: 0,
@@ -127,6 +121,7 @@ impl EpisodeConfig {
         check_range("num_streams", self.num_streams, 1, MAX_COUNT)?;
         check_range("max_episode_steps", self.max_episode_steps, 1, MAX_COUNT)?;
         check_range("frame_stack", self.frame_stack, 1, MAX_COUNT)?;
+        check_fields(&self.fields, self.frame_stack)?;
         check_range("num_goals", self.num_goals, 1, MAX_COUNT)?;
         check_range("num_interactions", self.num_interactions, 0, MAX_COUNT)?;
         check_range("action_dim", self.action_dim, 0, MAX_COUNT)?;
@@ -157,8 +152,14 @@ impl EpisodeConfig {
         if let GoalKind::Vectors { shape, item } = &self.goal_kind {
             check::product("goal_shape", &[&shape[..], &[item.bytes()]].concat())?;
         }
-        let step = self.observation_bytes().checked_add(self.goal_bytes());
-        let step = step.and_then(|bytes| bytes.checked_add(8 * self.action_dim + 64));
+        let fields = self
+            .fields
+            .iter()
+            .map(|field| Some(field.row_bytes(self.frame_stack)));
+        let words = 8 * self.action_dim + 64;
+        let parts = [self.observation_bytes(), self.goal_bytes(), words].map(Some);
+        let step = parts.into_iter().chain(fields);
+        let step = step.reduce(|sum, part| sum?.checked_add(part?)).flatten();
         let Some(step) = step else {
             return Err(Error::Argument {
                 field: "frame_shape",
@@ -250,13 +251,7 @@ impl EpisodeConfig {
     /// Shape of one observation: as `stacking` says.
     #[must_use]
     pub fn observation_shape(&self) -> Vec<usize> {
-        let frame = &self.frame_shape[..];
-        match (self.stacking, frame) {
-            (Stacking::Channels, [sizes @ .., channels]) => {
-                [sizes, &[self.frame_stack * channels]].concat()
-            }
-            _ => [&[self.frame_stack], frame].concat(),
-        }
+        self.stacking.of_shape(&self.frame_shape, self.frame_stack)
     }
 
     /// Bytes of the channels of one pixel of a frame.

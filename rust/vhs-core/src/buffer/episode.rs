@@ -3,6 +3,7 @@
 //! Plain data, and what of it does not fit a buffer; when a step may be appended is said in `episodes`.
 
 use crate::buffer::config::EpisodeConfig;
+use crate::buffer::field::{Per, check_given};
 use crate::outcome::Outcome;
 use vhs_base::check::{self, check_finite, check_labels, check_shape};
 use vhs_base::error::{Error, Result};
@@ -128,6 +129,8 @@ pub struct Opening<'a> {
     pub desired: &'a [u8],
     /// The goal vector reached at the first frame; empty where goals are not vectors.
     pub achieved: &'a [u8],
+    /// The first of each field, in the order of the configuration; empty for those of steps.
+    pub fields: &'a [&'a [u8]],
 }
 
 impl Opening<'_> {
@@ -141,6 +144,9 @@ impl Opening<'_> {
             &[self.desired.len()],
         )?;
         check_shape("achieved_goal", &[vector_bytes], &[self.achieved.len()])?;
+        check_given(&config.fields, self.fields, 1, |field| {
+            field.per == Per::Observation
+        })?;
         check_labels("goal", &[self.goal], config.num_goals)?;
         let interactions = config.num_interactions.max(1);
         check_labels("interaction", &[self.interaction], interactions)
@@ -164,6 +170,9 @@ pub struct Steps<'a> {
     pub frames: &'a [u8],
     /// The goal vectors reached at the next frames; empty where goals are not vectors.
     pub achieved: &'a [u8],
+    /// Each field one after the other, in the order of the configuration: those of observations at the next
+    /// frames, those of steps.
+    pub fields: &'a [&'a [u8]],
 }
 
 impl Steps<'_> {
@@ -187,6 +196,7 @@ impl Steps<'_> {
             &[n * vector_bytes],
             &[self.achieved.len()],
         )?;
+        check_given(&config.fields, self.fields, n, |_| true)?;
         check_labels("streams", self.streams, config.num_streams)?;
         config.check_actions("actions", self.actions)?;
         check_finite("actions", self.vectors)?;

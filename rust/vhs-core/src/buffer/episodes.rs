@@ -13,13 +13,14 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use crate::buffer::config::{Backing, EpisodeConfig, Stacking};
+use crate::buffer::config::{Backing, EpisodeConfig};
 use crate::buffer::episode::{Episode, Opening, Steps};
+use crate::buffer::field::{Field, Per};
+use crate::buffer::layer::Layer;
 use crate::labels::class_of;
 use crate::outcome::Outcome;
 use crate::storage::memory::scratch_file;
-use crate::storage::slab::{Slab, Source, copy_parts};
-use crate::storage::stacking::interleave;
+use crate::storage::slab::{Slab, Source};
 use vhs_base::check::check_labels;
 use vhs_base::error::{Error, Result};
 use vhs_base::fork;
@@ -48,6 +49,8 @@ pub struct EpisodeBuffer {
     pub(crate) slab: Slab,
     /// Goal vectors reached, under the numbers of their frames; empty where goals are not vectors.
     pub(crate) achieved: Slab,
+    /// Beside each field of the configuration what is stored of it, under the numbers of frames.
+    pub(crate) fields: Vec<Slab>,
     /// Slots of the slab that no episode owns.
     pub(crate) free: Vec<usize>,
     /// Slots that no episode owns any more, and that a save under way may still read.
@@ -80,7 +83,15 @@ impl EpisodeBuffer {
         config.check()?;
         // Every step adds a frame, and every episode, of at least one step unless it is open, one more.
         let most = 2 * config.capacity_steps + config.num_streams;
-        let slab = Slab::new(config.frame_bytes(), most, source(&config.backing)?);
+        let slab = Slab::new(config.frame_bytes(), most, source(&config.backing, 0)?);
+        let fields = config.fields.iter().zip(1..).map(|(field, number)| {
+            Ok(Slab::new(
+                field.bytes(),
+                most,
+                source(&config.backing, number)?,
+            ))
+        });
+        let fields = fields.collect::<Result<_>>()?;
         let vector_bytes = config.vector_bytes().unwrap_or(1);
         let open = std::iter::repeat_with(|| None)
             .take(config.num_streams)
@@ -89,6 +100,7 @@ impl EpisodeBuffer {
         Ok(Self {
             slab,
             achieved: Slab::new(vector_bytes, most, Source::Memory),
+            fields,
             free: Vec::new(),
             retired: Vec::new(),
             saves: (0, 0),
@@ -138,6 +150,13 @@ impl EpisodeBuffer {
         }
         self.reserve(1)?;
         let first = self.store(opening.frame, opening.achieved)?;
+        for (number, &bytes) in opening.fields.iter().enumerate() {
+            match self.config.fields[number].per {
+                Per::Observation => self.fields[number].put(first, bytes)?,
+                // No step led to it: a place without a value keeps the numbers the same.
+                Per::Step => self.fields[number].put_zeros(first)?,
+            }
+        }
         self.open[stream] = Some(Box::new(Episode::new(
             &opening,
             first,
@@ -166,6 +185,10 @@ impl EpisodeBuffer {
         for (row, &stream) in steps.streams.iter().enumerate() {
             let frame = &steps.frames[row * frame_bytes..][..frame_bytes];
             let slot = self.store(frame, &steps.achieved[row * vector_bytes..][..vector_bytes])?;
+            for (slab, bytes) in self.fields.iter_mut().zip(steps.fields) {
+                let size = bytes.len() / steps.streams.len();
+                slab.put(slot, &bytes[row * size..][..size])?;
+            }
             let Some(episode) = &mut self.open[class_of(stream)] else {
                 continue;
             };
@@ -291,10 +314,11 @@ impl EpisodeBuffer {
         self.steps
     }
 
-    /// Bytes set aside for frames; grows as the buffer fills.
+    /// Bytes set aside for frames, goal vectors and fields; grows as the buffer fills.
     #[must_use]
     pub fn allocated_bytes(&self) -> usize {
-        self.slab.allocated_bytes() + self.achieved.allocated_bytes()
+        let slabs = [&self.slab, &self.achieved].into_iter().chain(&self.fields);
+        slabs.map(Slab::allocated_bytes).sum()
     }
 
     /// What the buffer was built from.
@@ -333,28 +357,38 @@ impl EpisodeBuffer {
         self.config.observation_bytes()
     }
 
-    /// The frames of observation `t` of an episode, oldest first.
-    pub(crate) fn observation_frames<'a>(
-        &'a self,
-        episode: &'a Episode,
-        t: usize,
-    ) -> impl ExactSizeIterator<Item = &'a [u8]> {
-        let stack = self.config.frame_stack;
-        // Frame t - (stack - 1 - i), held at 0: before the first frame there is only the first
-        // frame.
-        (0..stack).map(move |i| {
-            self.slab
-                .get(episode.frames[(t + i + 1).saturating_sub(stack)])
+    /// The frames, as observations are made of them.
+    #[inline]
+    pub(crate) fn frames(&self) -> Layer<'_> {
+        Layer {
+            slab: &self.slab,
+            stack: self.config.frame_stack,
+            stacking: self.config.stacking,
+            pixel: self.config.pixel_bytes(),
+        }
+    }
+
+    /// Each field with what is stored of it.
+    pub(crate) fn layers(&self) -> impl ExactSizeIterator<Item = (&Field, Layer<'_>)> {
+        let fields = self.config.fields.iter().zip(&self.fields);
+        fields.map(|(field, slab)| {
+            let layer = Layer {
+                slab,
+                stack: if field.is_stacked {
+                    self.config.frame_stack
+                } else {
+                    1
+                },
+                stacking: self.config.stacking,
+                pixel: field.shape.last().copied().unwrap_or(1) * field.item.bytes(),
+            };
+            (field, layer)
         })
     }
 
     /// Writes observation `t` of an episode, its frames stacked as configured.
     pub(crate) fn write_observation(&self, episode: &Episode, t: usize, out: &mut [u8]) {
-        let frames = self.observation_frames(episode, t);
-        match self.config.stacking {
-            Stacking::Frames => copy_parts(frames, out),
-            Stacking::Channels => interleave(frames, self.config.pixel_bytes(), out),
-        }
+        self.frames().write(episode, t, out);
     }
 
     /// The open episode of a stream, or the error that the call on an idle stream deserves.
@@ -434,7 +468,9 @@ impl EpisodeBuffer {
         if self.config.vector_bytes().is_some() {
             self.achieved.reserve(beyond)?;
         }
-        Ok(())
+        self.fields
+            .iter_mut()
+            .try_for_each(|slab| slab.reserve(beyond))
     }
 
     /// Copies a frame, and its goal vector where there is one, into a slot that no episode owns.
@@ -448,17 +484,22 @@ impl EpisodeBuffer {
     }
 }
 
-fn source(backing: &Backing) -> Result<Source> {
-    match backing {
-        Backing::Memory => Ok(Source::Memory),
-        Backing::Scratch(path) => match scratch_file(path) {
-            Ok(file) => Ok(Source::Scratch(Arc::new(file))),
-            Err(source) => Err(Error::Io {
-                path: path.clone(),
-                call: "create",
-                source,
-            }),
-        },
+/// Where the frames lie (number 0), or a field (from 1 on).
+fn source(backing: &Backing, number: usize) -> Result<Source> {
+    let Backing::Scratch(path) = backing else {
+        return Ok(Source::Memory);
+    };
+    let mut path = path.clone();
+    if number > 0 {
+        path.as_mut_os_string().push(format!(".{number}"));
+    }
+    match scratch_file(&path) {
+        Ok(file) => Ok(Source::Scratch(Arc::new(file))),
+        Err(source) => Err(Error::Io {
+            path,
+            call: "create",
+            source,
+        }),
     }
 }
 

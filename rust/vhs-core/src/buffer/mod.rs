@@ -4,8 +4,10 @@ pub mod batch;
 pub mod config;
 pub mod episode;
 pub mod episodes;
+pub mod field;
 pub mod picks;
 pub mod transitions;
 pub mod windows;
 
 mod file;
+mod layer;

@@ -206,8 +206,9 @@ impl EpisodeBuffer {
                 true
             }
             (Goal::Hindsight { episode, step: at }, None) => self
-                .observation_frames(own, step + 1)
-                .eq(self.observation_frames(&self.finished[episode], at)),
+                .frames()
+                .records(own, step + 1)
+                .eq(self.frames().records(&self.finished[episode], at)),
             (Goal::Told, None) => self.shows(own, step + 1, &own.desired),
             (goal, Some(_)) => {
                 let told = match goal {

@@ -4,6 +4,8 @@
 //! a frame that several transitions show is still stored once.
 
 use crate::buffer::episodes::EpisodeBuffer;
+use crate::buffer::field::{Field, Per};
+use crate::buffer::layer::Layer;
 use crate::buffer::picks::{Goal, GoalIndex, Pick};
 use crate::hindsight::reward::SparseReward;
 use crate::hindsight::strategy::HindsightRule;
@@ -13,7 +15,7 @@ use vhs_base::error::Result;
 use vhs_base::interrupt;
 use vhs_base::rng::Rng;
 
-/// Everything of a batch but its images and goals. n transitions.
+/// Everything of a batch but its images and goals: what is small. n transitions.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TransitionIndex {
     /// Where each is from, and its goal, `[n]` each.
@@ -28,6 +30,10 @@ pub struct TransitionIndex {
     pub terminated: Vec<bool>,
     /// Whether a limit cut the episode off after this step, `[n]`.
     pub truncated: Vec<bool>,
+    /// Each field, `[n, *row_shape]`: of `o_t`, or of the step.
+    pub fields: Vec<Bytes>,
+    /// Each field of observations of `o_(t+1)`, `[n, *row_shape]`; empty for those of steps.
+    pub next_fields: Vec<Bytes>,
 }
 
 /// A batch with its images and goals.
@@ -160,7 +166,17 @@ impl EpisodeBuffer {
         check_shape("out", &self.transition_sizes(n, rule)?, &got)?;
         let picks = self.draw(n, rule, rng)?;
         self.write_transitions(&picks, &mut out)?;
-        Ok(self.transition_index(&picks, reward))
+        let mut index = self.transition_index(&picks, reward);
+        index.fields = self.pick_fields(&picks, |pick, per| match per {
+            Per::Observation => Some(pick.step),
+            // Under the number of the frame that the step led to.
+            Per::Step => Some(pick.step + 1),
+        })?;
+        index.next_fields = self.pick_fields(&picks, |pick, per| match per {
+            Per::Observation => Some(pick.step + 1),
+            Per::Step => None,
+        })?;
+        Ok(index)
     }
 
     /// Bytes of the large parts of a batch of `n` transitions.
@@ -207,6 +223,27 @@ impl EpisodeBuffer {
             }
         }
         Ok(())
+    }
+
+    /// Each field at the rows that a function says, none of those for which it says None.
+    fn pick_fields(
+        &self,
+        picks: &[Pick],
+        row_of: impl Fn(&Pick, Per) -> Option<usize>,
+    ) -> Result<Vec<Bytes>> {
+        let copy = |(field, layer): (&Field, Layer<'_>)| {
+            let row = field.row_bytes(self.config.frame_stack);
+            let rows = picks
+                .iter()
+                .filter_map(|pick| Some((pick, row_of(pick, field.per)?)));
+            let count = rows.clone().count();
+            let mut out = Bytes::take("sample", product("n", &[count, row])?)?;
+            for ((pick, t), out) in rows.zip(out.chunks_exact_mut(row)) {
+                layer.write(&self.finished[pick.episode], t, out);
+            }
+            Ok(out)
+        };
+        self.layers().map(copy).collect()
     }
 
     fn transition_index(&self, picks: &[Pick], reward: Option<&SparseReward>) -> TransitionIndex {

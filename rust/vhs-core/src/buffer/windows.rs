@@ -12,6 +12,8 @@ use std::ops::Range;
 
 use crate::buffer::episode::Episode;
 use crate::buffer::episodes::EpisodeBuffer;
+use crate::buffer::field::{Field, Per};
+use crate::buffer::layer::Layer;
 use crate::buffer::picks::{GoalIndex, Pick};
 use crate::buffer::transitions::{check_new, replace_ends, replace_rewards};
 use crate::hindsight::reward::SparseReward;
@@ -86,6 +88,8 @@ pub struct WindowBatch {
     /// Goal vectors reached by each observation, `[n, W + 1, *goal]`; empty where observations are what is
     /// reached.
     pub achieved_goals: Bytes,
+    /// Each field: of observations `[n, W + 1, *row_shape]`, of steps `[n, W, *shape]`.
+    pub fields: Vec<Bytes>,
     /// Everything else.
     pub index: WindowIndex,
 }
@@ -175,7 +179,34 @@ impl EpisodeBuffer {
                 self.write_rows_of(pick, &steps, reached / rows, out, Self::write_reached);
             }
         }
+        batch.fields = self.window_fields(&windows(), n, shape.steps())?;
         Ok(batch)
+    }
+
+    fn window_fields<'a>(
+        &self,
+        windows: &(impl Iterator<Item = (&'a Pick, Range<usize>)> + Clone),
+        n: usize,
+        width: usize,
+    ) -> Result<Vec<Bytes>> {
+        let copy = |(field, layer): (&Field, Layer<'_>)| {
+            let row = field.row_bytes(self.config.frame_stack);
+            // What comes with a step lies under the number of the frame that the step led to.
+            let (extra, first) = match field.per {
+                Per::Observation => (1, 0),
+                Per::Step => (0, 1),
+            };
+            let window = (width + extra) * row;
+            let mut out = Bytes::take("sample", product("n", &[n, width + extra, row])?)?;
+            for ((pick, steps), out) in windows.clone().zip(out.chunks_exact_mut(window)) {
+                let (written, padding) = out.split_at_mut((steps.len() + extra) * row);
+                let episode = &self.finished[pick.episode];
+                layer.write_all(episode, steps.start + first, row, written);
+                padding.fill(0);
+            }
+            Ok(out)
+        };
+        self.layers().map(copy).collect()
     }
 
     /// Bytes of the observations, goals and goal vectors of a batch.

@@ -150,6 +150,11 @@ impl Slab {
         Ok(())
     }
 
+    /// As `put`, of a record of zeros.
+    pub(crate) fn put_zeros(&mut self, index: usize) -> Result<()> {
+        self.put(index, &vec![0; self.record_bytes])
+    }
+
     /// Chunk (None: the start block) and first byte of a record.
     const fn place(&self, index: usize) -> (Option<usize>, usize) {
         match index.checked_sub(self.start_records) {

@@ -1,5 +1,27 @@
 //! Stacked frames as the channels of one picture: the layout in which convolutions read them.
 
+/// How the frames of an observation lie in it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Stacking {
+    /// One frame after the other, oldest first: `[frame_stack, *frame_shape]`.
+    #[default]
+    Frames = 0,
+    /// As the channels of one picture: of each pixel the oldest frame's channels first, so that frames of
+    /// `[H, W, C]` make an observation of `[H, W, frame_stack * C]`.
+    Channels = 1,
+}
+
+impl Stacking {
+    /// Shape of so many stacked arrays of this shape.
+    pub(crate) fn of_shape(self, shape: &[usize], stack: usize) -> Vec<usize> {
+        match (self, shape) {
+            (Self::Channels, [sizes @ .., channels]) => [sizes, &[stack * channels]].concat(),
+            _ => [&[stack], shape].concat(),
+        }
+    }
+}
+
 /// Interleaves the frames of an observation, `[stack, pixels, pixel]` bytes to `[pixels, stack, pixel]`.
 ///
 /// The frames are as long as each other and together as long as `out`.

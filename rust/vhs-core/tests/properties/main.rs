@@ -6,6 +6,7 @@ mod draws;
 mod egomotion;
 mod episodes;
 mod errors;
+mod fields;
 
 mod goals;
 mod persist;

@@ -21,6 +21,7 @@ use crate::batch::EpisodeBatch;
 use crate::bytes::{out_bytes, out_rows, pooled};
 use crate::episode_buffer::EpisodeBuffer;
 use crate::error::dtype;
+use crate::field;
 use crate::hindsight::Reward;
 use crate::transitions::{TransitionBatch, WindowBatch};
 
@@ -139,7 +140,9 @@ impl EpisodeBuffer {
             &[&leading[..], &goal].concat(),
         )?;
         let large = [Some(observations), desired, achieved];
-        EpisodeBatch::from_core(py, large, batch.index, hindsight, config.action_dim)
+        let steps = [count, batch.index.longest];
+        let fields = field::arrays(py, config, batch.fields, &leading, Some(&steps))?;
+        EpisodeBatch::from_core(py, large, fields, batch.index, hindsight, config.action_dim)
     }
 
     pub(crate) fn transitions(
@@ -197,7 +200,12 @@ impl EpisodeBuffer {
                     checked(index.set_relabelled(&rewards, terminated.as_deref()))?;
                 }
             }
-            TransitionBatch::from_core(py, large, index, config.action_dim)
+            let parts = std::mem::take(&mut index.fields);
+            let fields = field::arrays(py, config, parts, &[n], Some(&[n]))?;
+            let parts = std::mem::take(&mut index.next_fields);
+            let next_fields = field::arrays(py, config, parts, &[n], None)?;
+            let fields = [fields, next_fields];
+            TransitionBatch::from_core(py, large, fields, index, config.action_dim)
         })
     }
 
@@ -251,7 +259,9 @@ impl EpisodeBuffer {
                 }
             }
             let large = [Some(observations), None, goals, achieved, None];
-            WindowBatch::from_core(py, large, index, config.action_dim)
+            let (rows, steps) = ([n, window.steps() + 1], [n, window.steps()]);
+            let fields = field::arrays(py, config, batch.fields, &rows, Some(&steps))?;
+            WindowBatch::from_core(py, large, fields, index, config.action_dim)
         })
     }
 }

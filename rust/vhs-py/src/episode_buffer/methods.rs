@@ -19,6 +19,7 @@ use crate::arrays::{
 use crate::batch::EpisodeBatch;
 use crate::bytes::{filled_bytes, item, item_name};
 use crate::error::{no_pickle, to_py};
+use crate::field::{self, Given};
 use crate::hindsight::{Reward, hindsight_rule, refuse_without_strategy};
 use crate::interrupt::interruptible;
 use crate::relabel::{outcome, rule};
@@ -30,11 +31,11 @@ impl EpisodeBuffer {
     #[pyo3(signature = (frame_shape, *, num_streams, max_episode_steps, capacity_steps, frame_stack=None,
                         stacking="frames", num_goals=None, num_actions=None, first_action=None,
                         interactions=None, num_interactions=None, dtype=None, goals="labels", goal_shape=None, goal_dtype=None,
-                        action_dim=None, backing=None, seed=None),
+                        fields=None, action_dim=None, backing=None, seed=None),
            text_signature = "(frame_shape, *, num_streams, max_episode_steps, capacity_steps, frame_stack=2, \
                              stacking='frames', num_goals=1, num_actions=None, first_action=0, \
                              interactions=None, num_interactions=None, dtype='uint8', goals='labels', goal_shape=None, \
-                             goal_dtype=None, action_dim=0, backing='memory', seed=0)")]
+                             goal_dtype=None, fields=None, action_dim=0, backing='memory', seed=0)")]
     #[expect(
         clippy::too_many_arguments,
         reason = "keyword arguments in Python; one struct from here on"
@@ -55,6 +56,7 @@ impl EpisodeBuffer {
         goals: &str,
         goal_shape: Option<&Bound<'_, PyAny>>,
         goal_dtype: Option<&Bound<'_, PyAny>>,
+        fields: Option<&Bound<'_, PyAny>>,
         action_dim: Option<&Bound<'_, PyAny>>,
         backing: Option<&Bound<'_, PyAny>>,
         seed: Option<&Bound<'_, PyAny>>,
@@ -72,6 +74,7 @@ impl EpisodeBuffer {
             frame_stack: or(2, "frame_stack", frame_stack)?,
             stacking: self::stacking(stacking)?,
             goal_kind: goal_kind(goals, goal_shape, goal_dtype)?,
+            fields: field::named(fields)?,
             num_goals: or(1, "num_goals", num_goals)?,
             num_actions: num_actions
                 .map(|number| size("num_actions", number))
@@ -87,8 +90,10 @@ impl EpisodeBuffer {
     }
 
     #[doc = stub!("EpisodeBuffer.begin")]
-    #[pyo3(signature = (stream, frame, goal=None, interaction=None, *, desired_goal=None, achieved_goal=None),
-           text_signature = "($self, stream, frame, goal=0, interaction=0, *, desired_goal=None, achieved_goal=None)")]
+    #[pyo3(signature = (stream, frame, goal=None, interaction=None, *, desired_goal=None, achieved_goal=None,
+                        fields=None),
+           text_signature = "($self, stream, frame, goal=0, interaction=0, *, desired_goal=None, \
+                             achieved_goal=None, fields=None)")]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn begin(
         &self,
@@ -99,6 +104,7 @@ impl EpisodeBuffer {
         interaction: Option<&Bound<'_, PyAny>>,
         desired_goal: Option<&Bound<'_, PyAny>>,
         achieved_goal: Option<&Bound<'_, PyAny>>,
+        fields: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
         let (stream, frame) = (
             integer("stream", stream)?,
@@ -106,18 +112,20 @@ impl EpisodeBuffer {
         );
         let desired = self.desired_as_bytes("desired_goal", desired_goal, &[])?;
         let achieved = self.achieved_as_bytes("achieved_goal", achieved_goal, &[])?;
+        let fields = Given::take(&self.config().fields, fields, &[], false)?;
         let opening = Opening {
             frame: slice(&frame),
             goal: goal.map_or(Ok(0), |goal| integer("goal", goal))?,
             interaction: interaction.map_or(Ok(0), |number| integer("interaction", number))?,
             desired: goal_bytes(desired.as_ref()),
             achieved: goal_bytes(achieved.as_ref()),
+            fields: &fields.slices(),
         };
         self.write_briefly(py, |buffer| buffer.begin_with(stream, opening))
     }
 
     #[doc = stub!("EpisodeBuffer.append")]
-    #[pyo3(signature = (stream, action, reward, value, frame, *, achieved_goal=None))]
+    #[pyo3(signature = (stream, action, reward, value, frame, *, achieved_goal=None, fields=None))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn append(
         &self,
@@ -128,6 +136,7 @@ impl EpisodeBuffer {
         value: Option<f32>,
         frame: &Bound<'_, PyAny>,
         achieved_goal: Option<&Bound<'_, PyAny>>,
+        fields: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
         let stream = integer("stream", stream)?;
         let action = match self.config().action_dim {
@@ -136,6 +145,7 @@ impl EpisodeBuffer {
         };
         let frame = self.frames("frame", frame, &[])?;
         let achieved = self.achieved_as_bytes("achieved_goal", achieved_goal, &[])?;
+        let fields = Given::take(&self.config().fields, fields, &[], true)?;
         let (actions, vectors) = action.parts();
         let steps = Steps {
             streams: &[stream],
@@ -145,12 +155,13 @@ impl EpisodeBuffer {
             values: &[value.unwrap_or_default()],
             frames: slice(&frame),
             achieved: goal_bytes(achieved.as_ref()),
+            fields: &fields.slices(),
         };
         self.write_briefly(py, |buffer| buffer.append(steps))
     }
 
     #[doc = stub!("EpisodeBuffer.append_batch")]
-    #[pyo3(signature = (streams, actions, rewards, values, frames, *, achieved_goals=None))]
+    #[pyo3(signature = (streams, actions, rewards, values, frames, *, achieved_goals=None, fields=None))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn append_batch(
         &self,
@@ -161,6 +172,7 @@ impl EpisodeBuffer {
         values: Option<&Bound<'_, PyAny>>,
         frames: &Bound<'_, PyAny>,
         achieved_goals: Option<&Bound<'_, PyAny>>,
+        fields: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
         let streams = integer_vec("streams", streams)?;
         let n = [streams.len()];
@@ -170,6 +182,7 @@ impl EpisodeBuffer {
         let values = values.map_or_else(zeros, |values| real_vec("values", values))?;
         let frames = self.frames("frames", frames, &n)?;
         let achieved = self.achieved_as_bytes("achieved_goals", achieved_goals, &n)?;
+        let fields = Given::take(&self.config().fields, fields, &n, true)?;
         let (actions, vectors) = actions.parts();
         let steps = Steps {
             streams: &streams,
@@ -179,6 +192,7 @@ impl EpisodeBuffer {
             values: &values,
             frames: slice(&frames),
             achieved: goal_bytes(achieved.as_ref()),
+            fields: &fields.slices(),
         };
         self.write(py, |buffer| buffer.append(steps))
     }
@@ -218,6 +232,18 @@ impl EpisodeBuffer {
         let into = |out: &mut [u8]| self.read(py, |buffer| buffer.observe_into(&streams, out));
         let shape = rows(streams.len(), &self.config().observation_shape());
         Ok(filled_bytes(py, out, self.config().frame_item, &shape, fresh, into)?.0)
+    }
+
+    #[doc = stub!("EpisodeBuffer.observe_fields")]
+    #[pyo3(signature = (streams=None))]
+    fn observe_fields(
+        &self,
+        py: Python<'_>,
+        streams: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Py<PyDict>> {
+        let streams = self.all_streams(streams)?;
+        let parts = self.read(py, |buffer| buffer.observe_fields(&streams))?;
+        field::arrays(py, self.config(), parts, &[streams.len()], None)
     }
 
     #[doc = stub!("EpisodeBuffer.gather")]
@@ -424,6 +450,12 @@ impl EpisodeBuffer {
     fn dtype<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         py.import("numpy")?
             .call_method1("dtype", (item_name(self.config().frame_item),))
+    }
+
+    #[doc = stub!("EpisodeBuffer.fields")]
+    #[getter]
+    fn fields<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        field::declared(py, &self.config().fields)
     }
 
     #[doc = stub!("EpisodeBuffer.goals")]

@@ -1,8 +1,11 @@
 //! The head of an episode buffer file: what the buffer was built from, its counters and its generator.
 
+mod fields;
+
 use crate::buffer::config::{EpisodeConfig, GoalKind, Stacking};
 use crate::buffer::episode::Episode;
 use crate::buffer::episodes::EpisodeBuffer;
+use crate::buffer::field::Field;
 use crate::item::Item;
 use crate::labels::{class_of, label_of};
 use crate::storage::files::{ALIGNMENT, MAX_DIMENSIONS, MAX_SIZE, Reader};
@@ -11,10 +14,9 @@ use vhs_base::error::{Error, Result};
 use vhs_base::rng::Rng;
 
 const MAGIC: [u8; 8] = *b"vhsepiso";
-const VERSION: u32 = 3;
-/// Words between the version and the frame shape: in version 3, and before.
-const FIXED: usize = 20;
-const FIXED_BEFORE: usize = 19;
+const VERSION: u32 = 4;
+/// Words between the version and the frame shape: in version 4, in 3, and before.
+const FIXED: [usize; 3] = [21, 20, 19];
 /// Types of elements that versions before 3 know.
 const ITEMS_BEFORE: u64 = 6;
 /// Counters stay below this, so that whatever is added to a loaded buffer fits them.
@@ -30,10 +32,15 @@ pub(super) fn write(buffer: &EpisodeBuffer, rng: &Rng) -> Result<Vec<u8>> {
         GoalKind::Observations => (1, 0, &[][..]),
         GoalKind::Vectors { shape, item } => (2, *item as u64, &shape[..]),
     };
-    for (field, shape) in [
+    let shapes = [
         ("frame_shape", &config.frame_shape[..]),
         ("goal_shape", shape),
-    ] {
+    ];
+    let fields = config
+        .fields
+        .iter()
+        .map(|field| ("fields", &field.shape[..]));
+    for (field, shape) in shapes.into_iter().chain(fields) {
         if shape.len() > MAX_DIMENSIONS {
             return Err(Error::Argument {
                 field,
@@ -54,7 +61,10 @@ pub(super) fn write(buffer: &EpisodeBuffer, rng: &Rng) -> Result<Vec<u8>> {
     put(&rng.state());
     put(&[buffer.next_id, buffer.finished_steps]);
     put(&[buffer.finished.len() as u64, stored as u64]);
-    put(&[config.first_action.cast_unsigned()]);
+    put(&[
+        config.first_action.cast_unsigned(),
+        config.fields.len() as u64,
+    ]);
     let shapes = config.frame_shape.iter().chain(shape);
     push_words(&mut head, shapes.map(|&size| size as u64));
     let pairs = config.interactions.iter();
@@ -62,6 +72,10 @@ pub(super) fn write(buffer: &EpisodeBuffer, rng: &Rng) -> Result<Vec<u8>> {
         &mut head,
         pairs.flat_map(|(&action, &interaction)| [action, interaction].map(i64::cast_unsigned)),
     );
+    config
+        .fields
+        .iter()
+        .for_each(|field| fields::write(field, &mut head));
     Ok(head)
 }
 
@@ -109,10 +123,12 @@ impl Header {
         let goal_shape = shapes.split_off(frame);
         let mut config = config(reader, version, kinds, &rest[..10], [shapes, goal_shape])?;
         config.first_action = rest.get(18).map_or(0, |first| first.cast_signed());
-        let config = match version {
+        let mut config = match version {
             1 => with_interactions_from(reader, config, rest[6], rest[8])?,
             _ => with_interactions(reader, config, rest[6], rest[8])?,
         };
+        let count = rest.get(19).copied().unwrap_or_default();
+        config.fields = fields::read(reader, count)?;
         config.check().map_err(|error| lie(reader, &error))?;
         let state = [rest[10], rest[11], rest[12], rest[13]];
         let zero = || reader.damaged("generator state", "one that is not zero", "0");
@@ -145,7 +161,7 @@ impl Header {
         }
         let padded = self.bytes().and_then(|bytes| {
             let padded = bytes.checked_next_multiple_of(ALIGNMENT)?;
-            padded.checked_add(self.goal_bytes()?)?.checked_add(16)
+            padded.checked_add(self.beside_bytes()?)?.checked_add(16)
         });
         let frames = self.rows().checked_mul(self.config.frame_bytes());
         reader.expect_length(frames.and_then(|frames| frames.checked_add(padded?)))
@@ -163,7 +179,9 @@ impl Header {
         } else {
             config.interactions.len()
         };
-        let words = 2 + fixed_words(self.version) + config.frame_shape.len() + goal + 2 * pairs + 1;
+        let fields: usize = config.fields.iter().map(fields::words).sum();
+        let shapes = config.frame_shape.len() + goal;
+        let words = 2 + fixed_words(self.version) + shapes + 2 * pairs + fields + 1;
         let step = 8 + if config.action_dim == 0 {
             8
         } else {
@@ -174,10 +192,13 @@ impl Header {
         (8 * words).checked_add(episodes)?.checked_add(steps)
     }
 
-    fn goal_bytes(&self) -> Option<usize> {
+    /// Bytes of goals and fields.
+    fn beside_bytes(&self) -> Option<usize> {
         let told = self.episodes.checked_mul(self.config.desired_bytes())?;
         let reached = self.config.vector_bytes().unwrap_or_default();
-        told.checked_add(self.rows().checked_mul(reached)?)
+        let mut fields = self.config.fields.iter().map(Field::bytes);
+        let row = fields.try_fold(reached, usize::checked_add)?;
+        told.checked_add(self.rows().checked_mul(row)?)
     }
 
     /// Frames: one more in each episode than steps. Both are below 2^63.
@@ -188,10 +209,23 @@ impl Header {
 
 /// Words between the version and the frame shape.
 const fn fixed_words(version: u64) -> usize {
-    if version < 3 { FIXED_BEFORE } else { FIXED }
+    match version {
+        4.. => FIXED[0],
+        3 => FIXED[1],
+        _ => FIXED[2],
+    }
 }
 
-/// Everything of a configuration but its actions and interactions.
+/// The type of elements that the last byte of a word stands for, where so many types are known.
+fn item(reader: &Reader<'_>, field: &'static str, word: u64, known: u64) -> Result<Item> {
+    let number = word & 255;
+    let found = Item::ALL.into_iter().find(|&item| item as u64 == number);
+    found
+        .filter(|_| number < known)
+        .ok_or_else(|| reader.damaged(field, "a known type", &number.to_string()))
+}
+
+/// Everything of a configuration but its actions, interactions and fields.
 fn config(
     reader: &Reader<'_>,
     version: u64,
@@ -199,13 +233,12 @@ fn config(
     numbers: &[u64],
     [frame_shape, shape]: [Vec<usize>; 2],
 ) -> Result<EpisodeConfig> {
-    let item = |field, number: u64| {
-        let known = Item::ALL
-            .into_iter()
-            .find(|&item| item as u64 == number & 255)
-            .filter(|&item| version >= 3 || (item as u64) < ITEMS_BEFORE);
-        known.ok_or_else(|| reader.damaged(field, "a known type", &(number & 255).to_string()))
+    let known = if version < 3 {
+        ITEMS_BEFORE
+    } else {
+        Item::ALL.len() as u64
     };
+    let item = |field, number| item(reader, field, number, known);
     let size = |place: usize| reader.number("sizes", numbers[place], 0, MAX_SIZE);
     let goal_kind = match kinds & 255 {
         0 => GoalKind::Labels,

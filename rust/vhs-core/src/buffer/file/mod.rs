@@ -2,15 +2,16 @@
 //!
 //! Invariant: a file under the chosen name is always whole, the old one or the new one.
 //!
-//! Little-endian words of 8 bytes, version 3, for E finished episodes of S steps in all:
+//! Little-endian words of 8 bytes, version 4, for E finished episodes of S steps in all:
 //!
 //! | bytes | content |
 //! |---|---|
 //! | 8 | `vhsepiso` |
 //! | 4, 4 | version; dimensions of a frame, D |
-//! | 20 x 8 | see `header` |
+//! | 21 x 8 | see `header` |
 //! | D x 8, G x 8 | frame shape; shape of a goal vector |
 //! | I x (8, 8) | actions, each with the interaction that it does |
+//! | | fields, see `header/fields` |
 //! | E x 4 x 8 | goal class; interaction; outcome, plus 256 where terminated; steps |
 //! | S x 8 | numbered actions, or nothing |
 //! | S x A x 4 | continuous actions of A numbers, or nothing |
@@ -18,12 +19,13 @@
 //! | 8 | checksum of all bytes above |
 //! | | zeros up to a multiple of 4096 |
 //! | E x, (S + E) x | goals told; goal vectors reached; each where the buffer has them |
-//! | 8 | checksum of the goals |
+//! | (S + E) x | of each field, under its frame; zeros for a field of steps under the first frame of an episode |
+//! | 8 | checksum of the goals and fields |
 //! | (S + E) x | frames, episode by episode |
 //! | 8 | checksum of the frames |
 //!
-//! Version 2 has 19 words there, without the number of the first action, and fewer types of elements. Version 1 has
-//! no list of actions either: a number says from which action on they are the interactions.
+//! Version 3 has 20 words there and no fields. Version 2 has 19, without the number of the first action, and fewer
+//! types of elements. Version 1 has no list of actions either: a number says from which action on they are the interactions.
 
 mod header;
 
@@ -33,6 +35,7 @@ use self::header::{Header, lie, number, word};
 use crate::buffer::config::{Backing, EpisodeConfig};
 use crate::buffer::episode::{Episode, Opening};
 use crate::buffer::episodes::EpisodeBuffer;
+use crate::buffer::field::Field;
 use crate::outcome::Outcome;
 use crate::storage::files::{MAX_SIZE, Reader};
 use crate::storage::saves::{Writer, push_words, put_records, replace};
@@ -132,6 +135,8 @@ pub struct Saving {
     slots: Vec<usize>,
     frame_bytes: usize,
     vector_bytes: Option<usize>,
+    /// Of each field.
+    field_bytes: Vec<usize>,
 }
 
 impl Saving {
@@ -168,6 +173,7 @@ impl Saving {
                 .collect(),
             frame_bytes: buffer.config.frame_bytes(),
             vector_bytes: buffer.config.vector_bytes(),
+            field_bytes: buffer.config.fields.iter().map(Field::bytes).collect(),
         })
     }
 
@@ -181,7 +187,7 @@ impl Saving {
         path: &Path,
         with_buffer: impl Fn(&mut dyn FnMut(&EpisodeBuffer)),
     ) -> Result<()> {
-        let put = |file: &mut Writer<'_>, bytes, slab: fn(&EpisodeBuffer) -> &Slab| {
+        let put = |file: &mut Writer<'_>, bytes, slab: &dyn Fn(&EpisodeBuffer) -> &Slab| {
             put_records(file, bytes, &self.slots, |slots, out| {
                 with_buffer(&mut |buffer| {
                     let records = slots.iter().map(|&slot| slab(buffer).get(slot));
@@ -195,10 +201,13 @@ impl Saving {
             file.put_padding()?;
             file.put(&self.told)?;
             if let Some(bytes) = self.vector_bytes {
-                put(file, bytes, |buffer| &buffer.achieved)?;
+                put(file, bytes, &|buffer| &buffer.achieved)?;
+            }
+            for (number, &bytes) in self.field_bytes.iter().enumerate() {
+                put(file, bytes, &|buffer| &buffer.fields[number])?;
             }
             file.put_checksum()?;
-            put(file, self.frame_bytes, |buffer| &buffer.slab)?;
+            put(file, self.frame_bytes, &|buffer| &buffer.slab)?;
             file.put_checksum()
         })
     }
@@ -261,7 +270,10 @@ fn read_steps(reader: &mut Reader<'_>, loading: &Loading) -> Result<(EpisodeBuff
     if let Some(bytes) = header.config.vector_bytes() {
         reader.records(&mut buffer.achieved, bytes, header.rows())?;
     }
-    reader.expect_checksum("checksum of the goals")?;
+    for (slab, field) in buffer.fields.iter_mut().zip(&header.config.fields) {
+        reader.records(slab, field.bytes(), header.rows())?;
+    }
+    reader.expect_checksum("checksum of the goals and fields")?;
     Ok((buffer, header))
 }
 

@@ -18,11 +18,11 @@ const NEXT_ID: usize = 136;
 const FINISHED_STEPS: usize = 144;
 const NUM_EPISODES: usize = 152;
 const NUM_STEPS: usize = 160;
-const SHAPE: usize = 176;
+const SHAPE: usize = 184;
 /// The one action that does an interaction, and which.
-const INTERACTIONS: usize = 192;
+const INTERACTIONS: usize = 200;
 /// Goal, interaction, end and steps of each.
-const EPISODES: usize = 208;
+const EPISODES: usize = 216;
 const ACTIONS: usize = EPISODES + 2 * 32;
 const REWARDS: usize = ACTIONS + 3 * 8;
 const HEADER_END: usize = REWARDS + 2 * 3 * 4;
@@ -110,7 +110,7 @@ fn other_kinds_of_files_are_named() {
     assert_damaged(
         8,
         (2 << 32) | 9,
-        "`version`: expected one in 1..=3, found 9",
+        "`version`: expected one in 1..=4, found 9",
     );
     assert_damaged(
         8,
