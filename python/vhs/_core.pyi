@@ -438,8 +438,8 @@ class EpisodeBuffer:
             goals: What a goal is; see above.
             goal_shape: Of a goal, where goals are vectors.
             goal_dtype: Of a goal, where goals are vectors; None: float32.
-            fields: Further arrays of observations or steps by name, such as {"compass": Field((2,))}; they are
-                stored once, and in the `fields` of every batch.
+            fields: Further arrays of observations or steps by name, such as {"compass": Field((2,))}; stored
+                once, and in the `fields` of every batch.
             action_dim: Numbers in a continuous action; 0: actions are numbered.
             backing: "memory", or the path of a scratch file that does not exist yet and may grow larger than
                 memory. It vanishes with the buffer, however the process ends; `save` is what keeps episodes.

@@ -32,8 +32,8 @@ class Seen:
     achieved_goal: NDArray[Any] | None = None
     """The goal reached, where goals are vectors."""
     fields: Mapping[str, Any] = field(default_factory=dict)
-    """What else there is to be stored of the observation, such as joint angles beside an image: arrays or numbers
-    by name, of the buffer's `fields`."""
+    """What else of the observation is to be stored, such as joint angles beside an image: by name arrays or
+    numbers, of the buffer's `fields`."""
 
 
 GoalReader = Callable[[Any], Seen]

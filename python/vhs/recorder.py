@@ -303,7 +303,7 @@ def _as_said(space: spaces.Space[Any], observation: Any) -> Any:
 
 
 def _as_field(part: Any, field: Field | None) -> NDArray[Any]:
-    """A further array of an observation as the buffer stores it; one that it does not have is for it to refuse."""
+    """A further array as the buffer stores it; one that it does not have is for it to refuse."""
     return np.asarray(part) if field is None else _converted(np.asarray(part), field.dtype)
 
 

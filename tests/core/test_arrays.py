@@ -9,6 +9,7 @@ import vhs
 
 from .naive import FRAME_SHAPE, STACK, FrameSource
 from .test_episodes import add_episode, make_buffer
+from .test_fields import recorded
 
 
 def one_of_each() -> dict[str, np.ndarray]:
@@ -29,6 +30,11 @@ def one_of_each() -> dict[str, np.ndarray]:
     ]:
         named = {f"{kind} {name}": getattr(rows, name) for name in dir(rows) if not name.startswith("_")}
         arrays |= {name: array for name, array in named.items() if array is not None}
+    assert (
+        arrays.pop("fields") == arrays.pop("step fields") == arrays.pop("part fields") == {}
+    )  # there are none
+    assert arrays.pop("step next_fields") == {}
+    arrays |= {f"field {name}": array for name, array in recorded().sample_windows(3, 2).fields.items()}
     arrays |= {f"new {name}": getattr(hindsight, name) for name in ("selected", "goal_rows", "interactions")}
     arrays |= {"observed": buffer.observe([0]), "ids": buffer.ids, "open": buffer.open}
     arrays |= {"goals": store.sample(3)[0], "labels": store.sample(3)[1], "counts": store.counts}
