@@ -18,7 +18,7 @@ OTHERS = [
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("page", ["guides/own-learner.md", "reference/rollout.md"])
+@pytest.mark.parametrize("page", ["guides/own-learner.md", "guides/adapters.md", "reference/rollout.md"])
 def test_python_blocks_of_a_page_run_one_after_the_other(page: str) -> None:
     code = "\n".join(blocks("python", read(DOCS / page)))
     subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, timeout=100, cwd=ROOT)

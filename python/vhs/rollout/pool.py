@@ -294,21 +294,27 @@ class RolloutPool:
         return self.call_each(name, [(args, kwargs)] * self.num_envs)
 
     def call_each(
-        self, name: str, arguments: Sequence[tuple[tuple[Any, ...], dict[str, Any]]]
+        self,
+        name: str,
+        arguments: Sequence[tuple[tuple[Any, ...], dict[str, Any]]],
+        env_ids: Sequence[int] | None = None,
     ) -> tuple[Any, ...]:
-        """As `call`, with arguments for each environment: positional ones and keywords."""
+        """As `call`, of `env_ids`, all by default, with arguments for each: positional ones and keywords."""
         self._check_open()
         self._await_call()
         if under_way := self.num_under_way:
             raise ProtocolError(f"`call`: expected no commands under way, found {under_way}")
         self._news.forget_call()
-        ids = self._ids(None)
-        blobs = [self._mail.pack(env, (name, *arguments[env])) for env in ids.tolist()]
+        asked = range(self.num_envs) if env_ids is None else env_ids
+        told = dict(zip(asked, arguments, strict=True))
+        ids = self._ids(None if env_ids is None else list(told))
+        self._end.check_held(ids)
+        blobs = [self._mail.pack(env, (name, *told[env])) for env in ids.tolist()]
         self._in_call = True
         self._end.send(ids, [], CALL, 0, blobs)
         self._await_call()
         results = self._news.results()
-        return tuple(results.get(env) for env in range(self.num_envs))
+        return tuple(results.get(env) for env in asked)
 
     def _await_call(self) -> None:
         """Wait for the answers to a call, and to one that Ctrl-C interrupted, which nobody reads any more."""
