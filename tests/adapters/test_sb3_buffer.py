@@ -181,6 +181,27 @@ def test_images_are_stored_once_as_bytes_and_given_back_as_they_were() -> None:
     np.testing.assert_array_equal(data.dones[:, 0].numpy(), reached.numpy())
 
 
+def test_further_entries_of_an_observation_are_given_back_too() -> None:
+    class Guided(EndingLine):
+        def __init__(self) -> None:
+            super().__init__()
+            self.observation_space["compass"] = spaces.Box(-1e6, 1e6, (2, 2), np.float64)
+            self.observation_space["half"] = spaces.Discrete(2)
+
+        def seen(self) -> dict[str, Any]:
+            return super().seen() | {"compass": np.full((2, 2), self.place - 0.5), "half": self.place // 11}
+
+    buffer = buffer_of(Guided)
+    fill(buffer, 100)
+    data = buffer.sample(100)
+    for shown in (data.observations, data.next_observations):
+        places = shown["observation"][:, 0].numpy()
+        np.testing.assert_array_equal(
+            shown["compass"], np.broadcast_to(places[:, None, None] - 0.5, (100, 2, 2))
+        )
+        np.testing.assert_array_equal(shown["half"][:, 0], places // 11)
+
+
 def test_infos_reach_compute_reward_where_they_are_kept() -> None:
     class Timed(Line):
         def compute_reward(self, achieved: Any, desired: Any, info: Any) -> Any:

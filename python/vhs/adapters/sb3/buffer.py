@@ -208,7 +208,6 @@ class HindsightBuffer(HerReplayBuffer):
         actions = action.reshape(self.n_envs, self.action_dim)
         if not self.episodes.action_dim:
             actions = actions[:, 0].astype(np.int64)
-        achieved = None if after.achieved is None else after.achieved[kept]
         if len(kept):
             self.episodes.append_batch(
                 kept,
@@ -216,7 +215,8 @@ class HindsightBuffer(HerReplayBuffer):
                 np.asarray(reward)[kept],
                 None,
                 after.frames[kept],
-                achieved_goals=achieved,
+                achieved_goals=None if after.achieved is None else after.achieved[kept],
+                fields={key: entry[kept] for key, entry in after.fields.items()},
             )
         for stream in np.flatnonzero(lost).tolist():
             self.episodes.abort(stream)
@@ -243,16 +243,17 @@ class HindsightBuffer(HerReplayBuffer):
 
     def _seen(self, observations: dict[str, NDArray[Any]]) -> _Seen:
         n = self.n_envs
-        frames, achieved, desired = (
-            np.asarray(observations[key]).reshape(n, *self._shapes[key]) for key in KEYS
+        frames, achieved, desired, *others = (
+            np.asarray(observations[key]).reshape(n, *shape) for key, shape in self._shapes.items()
         )
+        fields = dict(zip(list(self._shapes)[len(KEYS) :], others, strict=True))
         if not self._is_stacked:
-            return _Seen(frames, achieved, desired)
+            return _Seen(frames, achieved, desired, fields)
         if not np.array_equal(frames, achieved):
             raise ArgumentError(
                 "`achieved_goal`: expected what `observation` has, as goals='observations' says, got another"
             )
-        return _Seen(frames, None, desired[:, None])
+        return _Seen(frames, None, desired[:, None], fields)
 
     def _begin(self, seen: _Seen) -> None:
         """Open an episode where there is none, and where what is shown does not go on with the open one."""
@@ -270,6 +271,7 @@ class HindsightBuffer(HerReplayBuffer):
                 seen.frames[stream],
                 desired_goal=seen.desired[stream],
                 achieved_goal=None if seen.achieved is None else seen.achieved[stream],
+                fields={key: entry[stream] for key, entry in seen.fields.items()},
             )
             self._told[stream], self._open_infos[stream] = seen.desired[stream].copy(), []
 
@@ -318,26 +320,26 @@ class HindsightBuffer(HerReplayBuffer):
         return self._samples(steps, env)
 
     def _samples(self, steps: TransitionBatch, env: VecNormalize | None) -> DictReplayBufferSamples:
-        before, after = steps.observations[:, 0], steps.next_observations[:, 0]
-        was: Any = before
-        reached: Any = after
-        goals: Any = steps.goals
-        if not self._is_stacked:
-            was, reached = steps.previous_achieved_goals, steps.achieved_goals
-        else:
-            goals = goals[:, 0]
+        before: Any = steps.observations[:, 0]
+        after: Any = steps.next_observations[:, 0]
+        was, reached, goals = steps.previous_achieved_goals, steps.achieved_goals, steps.goals
+        if self._is_stacked:
+            assert goals is not None
+            was, reached, goals = before, after, goals[:, 0]
         ended = steps.terminated if self.handle_timeout_termination else steps.terminated | steps.truncated
-        rewards = steps.rewards[:, None]
+        rewards = self._normalize_reward(steps.rewards[:, None], env)
         return DictReplayBufferSamples(
-            observations=self._tensors((before, was, goals), env),
+            observations=self._tensors((before, was, goals), steps.fields, env),
             actions=self.to_torch(steps.actions.reshape(len(steps), -1), copy=False),
-            next_observations=self._tensors((after, reached, goals), env),
+            next_observations=self._tensors((after, reached, goals), steps.next_fields, env),
             dones=self.to_torch(ended[:, None].astype(np.float32), copy=False),
-            rewards=self.to_torch(self._normalize_reward(rewards, env), copy=False),
+            rewards=self.to_torch(rewards, copy=False),
         )
 
-    def _tensors(self, entries: tuple[Any, ...], env: VecNormalize | None) -> dict[str, torch.Tensor]:
-        shown = self._normalize_obs(dict(zip(KEYS, entries, strict=True)), env)
+    def _tensors(
+        self, entries: tuple[Any, ...], fields: dict[str, NDArray[Any]], env: VecNormalize | None
+    ) -> dict[str, torch.Tensor]:
+        shown = self._normalize_obs({**dict(zip(KEYS, entries, strict=True)), **fields}, env)
         assert isinstance(shown, dict)
         return {key: self.to_torch(entry, copy=False) for key, entry in shown.items()}
 
@@ -381,6 +383,8 @@ class _Seen(NamedTuple):
     frames: NDArray[Any]
     achieved: NDArray[Any] | None
     desired: NDArray[Any]
+    fields: dict[str, NDArray[Any]]
+    """What there is beside the entries of a goal."""
 
 
 def _same(one: NDArray[Any] | None, other: NDArray[Any]) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium import spaces
 from stable_baselines3.her.goal_selection_strategy import GoalSelectionStrategy
 
-from vhs._core import ArgumentError
+from vhs._core import ArgumentError, Field
 
 __all__ = ["KEYS", "check_algorithm", "recipe_of", "shapes_of", "strategy_of"]
 
@@ -33,13 +33,13 @@ def check_algorithm(others: dict[str, Any], optimize_memory_usage: bool) -> None
 def shapes_of(
     observation_space: spaces.Space[Any], action_space: spaces.Space[Any]
 ) -> dict[str, tuple[int, ...]]:
-    """Shape of each entry of an observation in the buffer; a number is [1].
+    """Shape of each entry of an observation in the buffer, the three of a goal first; a number is [1].
 
     Raises:
         ArgumentError: For spaces of another kind.
     """
     entries = observation_space.spaces if isinstance(observation_space, spaces.Dict) else {}
-    if set(entries) != set(KEYS) or any(entry.shape is None for entry in entries.values()):
+    if not set(KEYS) <= set(entries) or any(entry.shape is None for entry in entries.values()):
         raise ArgumentError(
             f"`observation_space`: expected a dictionary of {', '.join(KEYS)}, each an array, as "
             f"goal-conditioned environments have it, got {observation_space}"
@@ -49,7 +49,7 @@ def shapes_of(
     reached, asked = entries["achieved_goal"], entries["desired_goal"]
     if (reached.shape, reached.dtype) != (asked.shape, asked.dtype):
         raise ArgumentError(f"`desired_goal`: expected the shape and type of {reached}, got {asked}")
-    return {key: entries[key].shape or (1,) for key in KEYS}
+    return {key: entries[key].shape or (1,) for key in (*KEYS, *sorted(set(entries) - set(KEYS)))}
 
 
 def strategy_of(told: GoalSelectionStrategy | str) -> Any:
@@ -77,6 +77,11 @@ def recipe_of(
         "dtype": observation_space["observation"].dtype,
         "frame_stack": 1,
         "goals": goals,
+        "fields": {
+            key: Field(shape, observation_space[key].dtype)
+            for key, shape in shapes.items()
+            if key not in KEYS
+        },
     }
     if goals == "vectors":
         recipe |= {
