@@ -25,7 +25,7 @@ def test_a_missing_package_names_the_extra_that_brings_it(tmp_path: Path) -> Non
         [sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=False, timeout=60
     )
     assert result.returncode == 1
-    assert "torch is not installed; in the clone: pip install -e '.[train]'" in result.stderr
+    assert "torch is not installed; pip install 'vhs-rl[train]'" in result.stderr
 
 
 @pytest.mark.parametrize(

@@ -16,9 +16,12 @@ from typing import TYPE_CHECKING
 
 from vhs import VhsError, __version__
 from vhs.console import Output
+from vhs.distribution import find_agent, find_sweep, pip_install
 
 if TYPE_CHECKING:
     from vhs import Task
+
+_RUN_OR_AGENT = "directory of a run or of an exported agent, or one of ours by name: task1, task2, task3"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -35,8 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] == "vhs":
             raise
-        hint = f"in the clone: pip install -e '.[{options.extra}]'"
-        errors.say(f"vhs: {error.name} is not installed; {hint}")
+        errors.say(f"vhs: {error.name} is not installed; {pip_install(options.extra)}")
         status = 1
     except VhsError as error:
         errors.say(f"vhs: {error}")
@@ -81,7 +83,7 @@ def _add_train(parser: argparse.ArgumentParser) -> None:
 
 def _add_eval(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "run_directory", type=Path, metavar="RUN", help="directory of a run or of an exported agent"
+        "run_directory", type=find_agent, metavar="RUN", help=_RUN_OR_AGENT
     )
     parser.add_argument(
         "--episodes", type=_positive, default=300, metavar="N", help="episodes to play (default: 300)"
@@ -102,7 +104,10 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
 
 def _add_sweep(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "file", type=Path, metavar="FILE", help="YAML sweep file (see docs/guides/comparing.md)"
+        "file",
+        type=find_sweep,
+        metavar="FILE",
+        help="YAML sweep file, or one of ours by name: quick, paper (see docs/guides/comparing.md)",
     )
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="directory of the runs (default: runs/NAME-OF-FILE)"
@@ -138,7 +143,7 @@ def _add_compare(parser: argparse.ArgumentParser) -> None:
 
 def _add_play(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "run_directory", type=Path, metavar="RUN", help="directory of a run or of an exported agent"
+        "run_directory", type=find_agent, metavar="RUN", help=_RUN_OR_AGENT
     )
     parser.add_argument(
         "--episodes", type=_positive, default=3, metavar="N", help="episodes to play (default: 3)"
@@ -205,7 +210,7 @@ def _add_config(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="YAML overlay; may be repeated",
+        help="YAML overlay, or one of ours by name, as `task2` or `pg`; may be repeated",
     )
     parser.add_argument(
         "--set",

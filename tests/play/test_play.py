@@ -79,7 +79,7 @@ def test_mp4_without_an_encoder_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     assert main(["play", str(run), "--out", str(tmp_path / "film.mp4")]) == 1
-    assert "pip install -e '.[mp4]'" in capsys.readouterr().err
+    assert "pip install 'vhs-rl[mp4]'" in capsys.readouterr().err
 
 
 def test_without_display_and_out_there_is_a_sentence(

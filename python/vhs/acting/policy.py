@@ -24,6 +24,7 @@ from vhs.acting.setup import (
 )
 from vhs.config import Config, EnvSection, resolve_config
 from vhs.config.load import read_task
+from vhs.distribution import find_agent
 from vhs.errors import ConfigError
 from vhs.learning.goals import ClassGoals
 from vhs.learning.told import make_goals
@@ -122,7 +123,8 @@ def load_agent(
     """Load the newest checkpoint of a run, or an exported agent, ready to act: batch norm in evaluation mode.
 
     Args:
-        path: directory of the run or of the exported agent.
+        path: directory of the run or of the exported agent, or the name of an agent that comes with the package:
+            ``task1``, ``task2``, ``task3``.
         task: what it was trained on; None: the task that its configuration names.
         extractor: what made its feature extractor, where `train` was given one.
 
@@ -130,7 +132,7 @@ def load_agent(
         CheckpointError: neither is there, it is damaged, or it does not fit its own configuration.
         ConfigError: its configuration cannot run here, or an exported agent's task is no room and not given.
     """
-    path = Path(path)
+    path = find_agent(path)
     config = to_act_here(read_config(path))
     if task is None and is_exported(path) and not is_room(config):
         raise ConfigError(

@@ -16,6 +16,7 @@ from pydantic_core import ErrorDetails
 from vhs.config.schema import BEFORE, Config, idle_keys, unread_keys
 from vhs.config.task import TAGS, TaskSection, placed
 from vhs.config.yaml12 import dump_yaml, parse_yaml
+from vhs.distribution import find_config
 from vhs.errors import ConfigError
 from vhs.reading import read_bounded
 
@@ -44,7 +45,8 @@ def load_config(
     Keys that it lacks are as they were when it was saved (`vhs.config.schema.BEFORE`).
 
     Args:
-        paths: YAML files, each a mapping of some of the sections of `Config`.
+        paths: YAML files, each a mapping of some of the sections of `Config`; a name such as ``task2`` is one of
+            those that come with the package.
         overrides: dotted assignments such as ``train.learning_rate=1e-4``.
         task: the task, over that of every file and of the overrides: as the key `task` has it, or a YAML file
             with that key.
@@ -54,7 +56,7 @@ def load_config(
         ConfigError: a file that cannot be read, an unknown key (the nearest right one is named), a value of
             the wrong type or out of range, a key that the method does not read.
     """
-    trees = [read_placed(Path(path), may_be_pipe=may_be_pipe) for path in paths]
+    trees = [read_placed(find_config(path), may_be_pipe=may_be_pipe) for path in paths]
     assigned = [placed(nest(*parse_assignment(text)), Path()) for text in overrides]
     return resolve_config(trees, [*assigned, *([read_task(task)] if task is not None else [])])
 

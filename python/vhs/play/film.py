@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import GifImagePlugin, Image, ImageChops
 
+from vhs.distribution import pip_install
 from vhs.errors import OutputError
 from vhs.runs.files import check_writable, new_file, writing
 
@@ -32,7 +33,7 @@ def check_film_path(path: Path) -> None:
             import imageio_ffmpeg  # noqa: F401
         except ImportError as error:
             raise OutputError(
-                f"{path}: MP4 needs imageio-ffmpeg: pip install -e '.[mp4]'; a name in .gif needs nothing"
+                f"{path}: MP4 needs imageio-ffmpeg: {pip_install('mp4')}; a name in .gif needs nothing"
             ) from error
 
 

@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from vhs.acting.policy import Policy
+from vhs.distribution import pip_install
 from vhs.png import as_picture
 from vhs.report.decoder import decode
 from vhs.report.page import Section, card, figure, image, legend, missing, shaded
@@ -128,7 +129,7 @@ def feature_section(goals: StoredGoals | None, why: str) -> Section:
     try:
         from sklearn.manifold import TSNE
     except ImportError:
-        return Section("features", title, missing("t-SNE needs scikit-learn: pip install -e '.[report]'"))
+        return Section("features", title, missing(f"t-SNE needs scikit-learn: {pip_install('report')}"))
     labels = np.flatnonzero(goals.has_prototype)
     points = np.concatenate([goals.features, goals.prototypes[labels]])
     points = points / np.linalg.norm(points, axis=1, keepdims=True)

@@ -12,7 +12,6 @@
 
 use std::cell::Cell;
 use std::marker::PhantomData;
-use std::sync::Once;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::SeqCst};
 use std::thread;
 use std::time::Duration;
@@ -24,8 +23,6 @@ const PAUSE: Duration = Duration::from_micros(20);
 static ACTIVE: AtomicUsize = AtomicUsize::new(0);
 /// Whether a fork is under way: no new pass is given.
 static CLOSED: AtomicBool = AtomicBool::new(false);
-/// Forks of this process so far.
-static FORKS: AtomicU64 = AtomicU64::new(0);
 static LINEAGE: AtomicU64 = AtomicU64::new(0);
 
 thread_local! {
@@ -81,57 +78,73 @@ pub fn lineage() -> u64 {
     LINEAGE.load(SeqCst)
 }
 
-/// That of the `number`th child of a process.
-const fn child_of(lineage: u64, number: u64) -> u64 {
-    // The finaliser of SplitMix64, over both.
-    let mut z = lineage.rotate_left(32) ^ number.wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    (z ^ (z >> 31)) | 1
-}
-
 #[cfg(unix)]
-fn watch_forks() {
-    static WATCHED: Once = Once::new();
-    WATCHED.call_once(|| {
-        // SAFETY: the functions have the signature asked for, live as long as the program, and do what is allowed
-        // at a fork: the last one, in the child, touches atomics alone.
-        unsafe { libc::pthread_atfork(Some(before), Some(after), Some(in_child)) };
-    });
-}
+use at_fork::watch_forks;
 
 #[cfg(not(unix))]
 fn watch_forks() {}
 
-/// Passes of the forking thread itself, which cannot be waited for.
-fn own() -> usize {
-    usize::from(HAS_PASS.get())
-}
+/// What is done around a fork.
+#[cfg(unix)]
+mod at_fork {
+    use std::sync::Once;
+    use std::sync::atomic::{AtomicU64, Ordering::SeqCst};
+    use std::thread;
 
-extern "C" fn before() {
-    while CLOSED.swap(true, SeqCst) {
-        thread::sleep(PAUSE); // another thread forks
+    use super::{ACTIVE, CLOSED, HAS_PASS, LINEAGE, PAUSE};
+
+    /// Forks of this process so far.
+    static FORKS: AtomicU64 = AtomicU64::new(0);
+
+    /// That of the `number`th child of a process.
+    pub(super) const fn child_of(lineage: u64, number: u64) -> u64 {
+        // The finaliser of SplitMix64, over both.
+        let mut z = lineage.rotate_left(32) ^ number.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        (z ^ (z >> 31)) | 1
     }
-    FORKS.fetch_add(1, SeqCst);
-    while ACTIVE.load(SeqCst) > own() {
-        thread::sleep(PAUSE);
+
+    pub(super) fn watch_forks() {
+        static WATCHED: Once = Once::new();
+        WATCHED.call_once(|| {
+            // SAFETY: the functions have the signature asked for, live as long as the program, and do what is allowed
+            // at a fork: the last one, in the child, touches atomics alone.
+            unsafe { libc::pthread_atfork(Some(before), Some(after), Some(in_child)) };
+        });
+    }
+
+    /// Passes of the forking thread itself, which cannot be waited for.
+    pub(super) fn own() -> usize {
+        usize::from(HAS_PASS.get())
+    }
+
+    extern "C" fn before() {
+        while CLOSED.swap(true, SeqCst) {
+            thread::sleep(PAUSE); // another thread forks
+        }
+        FORKS.fetch_add(1, SeqCst);
+        while ACTIVE.load(SeqCst) > own() {
+            thread::sleep(PAUSE);
+        }
+    }
+
+    extern "C" fn after() {
+        CLOSED.store(false, SeqCst);
+    }
+
+    extern "C" fn in_child() {
+        // A thread that looked in and went away again may have been counted.
+        ACTIVE.store(own(), SeqCst);
+        LINEAGE.store(child_of(LINEAGE.load(SeqCst), FORKS.load(SeqCst)), SeqCst);
+        FORKS.store(0, SeqCst);
+        CLOSED.store(false, SeqCst);
     }
 }
 
-extern "C" fn after() {
-    CLOSED.store(false, SeqCst);
-}
-
-extern "C" fn in_child() {
-    // A thread that looked in and went away again may have been counted.
-    ACTIVE.store(own(), SeqCst);
-    LINEAGE.store(child_of(LINEAGE.load(SeqCst), FORKS.load(SeqCst)), SeqCst);
-    FORKS.store(0, SeqCst);
-    CLOSED.store(false, SeqCst);
-}
-
-#[cfg(test)]
+#[cfg(all(test, unix))]
 mod tests {
+    use super::at_fork::{child_of, own};
     use super::*;
 
     #[test]
@@ -156,7 +169,6 @@ mod tests {
     }
 
     /// A fork waits for who has a pass, and its child finds nobody inside and a lineage of its own.
-    #[cfg(unix)]
     #[test]
     fn a_fork_waits_and_a_child_starts_clean() {
         use std::sync::Mutex;

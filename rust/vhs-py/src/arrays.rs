@@ -4,9 +4,6 @@
 //! be any numpy integer or float type, or a sequence; those that are not int64 or float32 already
 //! are converted. Results are handed to numpy with their memory, so nothing is copied and
 //! `torch.from_numpy` shares it.
-
-use std::sync::{Mutex, PoisonError};
-
 use numpy::ndarray::{ArrayD, IxDyn};
 use numpy::{
     BorrowError, Element, PyArrayDescrMethods, PyArrayDyn, PyArrayMethods, PyReadonlyArrayDyn,
@@ -20,22 +17,6 @@ use vhs_base::error::{Error, Result};
 use vhs_base::rng::Rng;
 
 use crate::error::{dtype, layout, to_py};
-
-/// Runs `work` on what the mutex guards, with the interpreter released first: no thread ever waits
-/// for the lock while it keeps others from running Python.
-pub(crate) fn detached<T, R>(
-    py: Python<'_>,
-    shared: &Mutex<T>,
-    work: impl FnOnce(&mut T) -> R + Send,
-) -> R
-where
-    T: Send,
-    R: Send,
-{
-    // A poisoned lock only says that some call panicked; the next call's own checks are what
-    // counts.
-    py.detach(|| work(&mut shared.lock().unwrap_or_else(PoisonError::into_inner)))
-}
 
 /// An array of exactly this element type, copied only where it is not contiguous or not aligned.
 pub(crate) fn exact<'py, T: Element>(

@@ -18,7 +18,7 @@ use vhs_rollout::slot::Answer;
 use vhs_rollout::watch::Watch;
 use vhs_rollout::worker::{Task, Worker};
 
-use crate::arrays::{check_vector, checked, detached, exclusive, integer_vec, integers, slice};
+use crate::arrays::{check_vector, checked, exclusive, integer_vec, integers, slice};
 use crate::error::{layout, to_py};
 
 /// The five sizes of a pool, in the order of `Shape`'s fields.
@@ -36,6 +36,18 @@ fn shape(sizes: Sizes) -> Shape {
         observation_bytes: sizes.3,
         blob_bytes: sizes.4,
     }
+}
+
+/// Runs `work` on what the mutex guards, with the interpreter released first: no thread ever waits
+/// for the lock while it keeps others from running Python.
+fn detached<T, R>(py: Python<'_>, shared: &Mutex<T>, work: impl FnOnce(&mut T) -> R + Send) -> R
+where
+    T: Send,
+    R: Send,
+{
+    // A poisoned lock only says that some call panicked; the next call's own checks are what
+    // counts.
+    py.detach(|| work(&mut shared.lock().unwrap_or_else(PoisonError::into_inner)))
 }
 
 /// Where payloads and blobs lie; see the stub.
