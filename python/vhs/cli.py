@@ -82,9 +82,7 @@ def _add_train(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_eval(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "run_directory", type=find_agent, metavar="RUN", help=_RUN_OR_AGENT
-    )
+    parser.add_argument("run_directory", type=find_agent, metavar="RUN", help=_RUN_OR_AGENT)
     parser.add_argument(
         "--episodes", type=_positive, default=300, metavar="N", help="episodes to play (default: 300)"
     )
@@ -142,9 +140,7 @@ def _add_compare(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_play(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "run_directory", type=find_agent, metavar="RUN", help=_RUN_OR_AGENT
-    )
+    parser.add_argument("run_directory", type=find_agent, metavar="RUN", help=_RUN_OR_AGENT)
     parser.add_argument(
         "--episodes", type=_positive, default=3, metavar="N", help="episodes to play (default: 3)"
     )

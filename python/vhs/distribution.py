@@ -1,4 +1,4 @@
-"""What is installed as `vhs-rl`: how its extras are asked for, and the files that come with it, by their names.
+"""What is installed as `vhs-rl`: how its extras are asked for, and the files that come with it, by name.
 
 In a checkout `configs` and `pretrained` beside this file are links to the directories at its top, which hold
 the files; a wheel holds them here.

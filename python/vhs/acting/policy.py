@@ -123,8 +123,8 @@ def load_agent(
     """Load the newest checkpoint of a run, or an exported agent, ready to act: batch norm in evaluation mode.
 
     Args:
-        path: directory of the run or of the exported agent, or the name of an agent that comes with the package:
-            ``task1``, ``task2``, ``task3``.
+        path: directory of the run or of the exported agent, or the name of an agent that comes with the
+            package: ``task1``, ``task2``, ``task3``.
         task: what it was trained on; None: the task that its configuration names.
         extractor: what made its feature extractor, where `train` was given one.
 

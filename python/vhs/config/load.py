@@ -45,8 +45,8 @@ def load_config(
     Keys that it lacks are as they were when it was saved (`vhs.config.schema.BEFORE`).
 
     Args:
-        paths: YAML files, each a mapping of some of the sections of `Config`; a name such as ``task2`` is one of
-            those that come with the package.
+        paths: YAML files, each a mapping of some of the sections of `Config`; a name such as ``task2`` is
+            one of those that come with the package.
         overrides: dotted assignments such as ``train.learning_rate=1e-4``.
         task: the task, over that of every file and of the overrides: as the key `task` has it, or a YAML file
             with that key.

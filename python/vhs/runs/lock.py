@@ -42,7 +42,9 @@ def hold(
     """
     with writing(path):
         is_directory = path.is_dir()
-        descriptor = os.open(path, os.O_RDONLY if is_directory else os.O_RDWR | os.O_CREAT, 0o644)
+        # A directory cannot be opened on Windows, which has none of these locks either.
+        opened = os.devnull if is_directory and os.name == "nt" else path
+        descriptor = os.open(opened, os.O_RDONLY if is_directory else os.O_RDWR | os.O_CREAT, 0o644)
     try:
         of_file = by_children or is_directory
         if not _try(descriptor, of_file):
