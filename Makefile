@@ -6,7 +6,7 @@ RUST := $(shell find rust -name '*.rs' -not -path '*/target/*') $(shell find rus
 CONFIG ?= configs/task2.yaml
 ARGS ?=
 
-.PHONY: help train test quick lint format docs bench cases loom tsan fuzz ci clean
+.PHONY: help train test quick lint format docs bench wheel cases loom tsan fuzz ci clean
 .DEFAULT_GOAL := help
 
 help:  ## show this list
@@ -42,6 +42,12 @@ docs: $(VENV)/.dev $(VENV)/.built  ## build the docs site into target/site; no l
 
 bench: $(VENV)/.dev $(VENV)/.built  ## run every benchmark; each asserts its own result first
 	set -e; for file in benchmarks/bench_*.py; do $(BIN)/python $$file; done
+
+wheel: $(VENV)/.dev  ## build the sdist, from it the wheel, and use that where there is no Rust (dist/)
+	rm -rf dist
+	$(BIN)/maturin sdist --out dist
+	$(BIN)/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist dist/*.tar.gz
+	$(BIN)/python .ci/check_wheel.py dist/*.whl --extra train
 
 CASES ?= ../shared/cases
 cases: $(VENV)/.dev $(VENV)/.built  ## run small programs that show faults, a line each (CASES=DIRECTORY)

@@ -2,8 +2,8 @@
 
     python .ci/check_wheel.py dist/vhs_rl-*.whl [--extra train]
 
-It is installed into an environment of its own, from an empty directory. With the extra `train` an agent of ours
-is evaluated by its name and a training of a few episodes runs; without, the library alone is imported.
+It is installed into an environment of its own and used from an empty directory. With the extra `train` an
+agent of ours is evaluated by its name, and a few episodes are trained; without, the library alone is used.
 """
 
 from __future__ import annotations
@@ -21,7 +21,11 @@ from email.parser import HeaderParser
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-LIBRARY = "import vhs; vhs.EpisodeBuffer((2, 2, 1), num_streams=1, max_episode_steps=2, capacity_steps=8, num_goals=1)"
+LIBRARY = (
+    "import vhs; store = vhs.GoalStore(2, (2, 2, 3), capacity_per_class=5, seed=0); assert len(store) == 0"
+)
+FOLDERS = {"python/": "", "configs/": "vhs/configs/", "pretrained/": "vhs/pretrained/"}
+"""Of the checkout, and where they are in a wheel."""
 
 
 def main() -> None:
@@ -42,11 +46,7 @@ def shipped_files() -> set[str]:
     told = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     files = set()
     for path in told.splitlines():
-        for folder, place in (
-            ("python/", ""),
-            ("configs/", "vhs/configs/"),
-            ("pretrained/", "vhs/pretrained/"),
-        ):
+        for folder, place in FOLDERS.items():
             if path.startswith(folder) and not (ROOT / path).is_dir():
                 files.add(place + path.removeprefix(folder))
     return files

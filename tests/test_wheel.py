@@ -16,7 +16,7 @@ CHECKER = ROOT / ".ci" / "check_wheel.py"
 def packed(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
     """Names in the source distribution, below its top."""
     folder = tmp_path_factory.mktemp("dist")
-    command = [sys.executable, "-m", "maturin", "sdist", "--quiet", "--out", str(folder)]
+    command = [sys.executable, "-m", "maturin", "sdist", "--out", str(folder)]
     subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
     (path,) = folder.iterdir()
     with tarfile.open(path) as opened:
@@ -34,12 +34,9 @@ def test_it_has_the_package_its_configurations_and_agents_and_no_more(packed: se
 
 
 def test_it_has_what_the_extension_is_built_from(packed: set[str]) -> None:
-    crates = {"vhs-base", "vhs-core", "vhs-py", "vhs-raster", "vhs-rollout"}
-    sources = {
-        str(path.relative_to(ROOT))
-        for crate in crates
-        for path in (ROOT / "rust" / crate / "src").rglob("*.rs")
-    }
-    assert (
-        sources | {"Cargo.toml", "Cargo.lock", "pyproject.toml", "LICENSE", "rust/vhs-py/build.rs"} <= packed
-    )
+    crates = [
+        ROOT / "rust" / name for name in ("vhs-base", "vhs-core", "vhs-py", "vhs-raster", "vhs-rollout")
+    ]
+    sources = {str(path.relative_to(ROOT)) for crate in crates for path in (crate / "src").rglob("*.rs")}
+    manifests = {"Cargo.toml", "Cargo.lock", "pyproject.toml", "LICENSE", "rust/vhs-py/build.rs"}
+    assert sources | manifests <= packed
