@@ -21,9 +21,7 @@ from email.parser import HeaderParser
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-LIBRARY = (
-    "import vhs; store = vhs.GoalStore(2, (2, 2, 3), capacity_per_class=5, seed=0); assert len(store) == 0"
-)
+LIBRARY = "import vhs; assert len(vhs.GoalStore(2, (2, 2, 3), capacity_per_class=5, seed=0)) == 0"
 FOLDERS = {"python/": "", "configs/": "vhs/configs/", "pretrained/": "vhs/pretrained/"}
 """Of the checkout, and where they are in a wheel."""
 
