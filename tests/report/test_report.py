@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from io import StringIO
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -9,8 +10,10 @@ import pytest
 
 from vhs.cli import main
 from vhs.errors import CheckpointError
-from vhs.report import report
+from vhs.report import decoder, report
 from vhs.runs.checkpoint import load_checkpoint, save_checkpoint
+from vhs.runs.rows import read_log
+from vhs.train import train
 
 SECTIONS = (
     "curves",
@@ -47,7 +50,9 @@ def test_a_run_makes_one_whole_page(page_of_one: Path) -> None:
 
 def test_the_page_refers_to_nothing_outside_itself(page_of_one: Path) -> None:
     page = parse(page_of_one)
-    assert not list(page.iter("script"))
+    assert [script.attrib for script in page.iter("script")] == [{}], (
+        "the one that tells values, inside the page"
+    )
     links = [value for node in page.iter() for name, value in node.attrib.items() if name in ("src", "href")]
     assert links
     assert all(link.startswith(("data:", "#")) for link in links)
@@ -78,6 +83,40 @@ def test_several_runs_make_bands_over_seeds(bare: Path, page_of_one: Path, tmp_p
     one = page_of_one.read_text(encoding="utf-8")
     assert 'class="band"' not in one
     assert "one seed: curves have no band" in one
+
+
+def test_curves_carry_the_numbers_of_the_log(bare: Path, tmp_path: Path) -> None:
+    page = parse(report(bare, tmp_path / "page.html"))
+    curves = [line for line in page.iter(f"{SVG}polyline") if line.get("data-label") == "VHS"]
+    rows = read_log(bare / "run")
+    assert [float(x) for x in curves[0].attrib["data-x"].split()] == [row["episodes"] for row in rows]
+    told = [float(y) for y in curves[0].attrib["data-y"].split()]
+    assert told == pytest.approx([row["rate/success"] for row in rows], rel=1e-5)
+    assert curves[0].get("data-kind") == "share"
+
+
+def test_an_environment_without_map_and_way_shows_what_there_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from toy import toy_config, toy_task
+
+    task = toy_task()
+    assert task.reached is None
+    assert task.shortest is None
+    train(toy_config("vhs", "train.episodes=24", "method.warmup=2"), tmp_path / "run", StringIO(), task=task)
+    monkeypatch.setattr(decoder, "STEPS", 3)
+    page = parse(report(tmp_path / "run", tmp_path / "page.html", episodes=6, task=task))
+    said = section_text(page, "confusion")
+    assert "Outcomes by goal" in said
+    assert "Steps that episodes took" in said
+    assert "learns what it reached" not in said
+    tips = [bar.attrib["data-tip"] for bar in page.iter(f"{SVG}rect") if bar.get("class") == "bar"]
+    by_goal = [tip for tip in tips if " of " in tip]
+    assert sum(int(re.findall(r": (\d+) of", tip)[0]) for tip in by_goal) == 6
+    assert sum(int(re.findall(r": (\d+) ", tip)[0]) for tip in tips if tip not in by_goal) == 6
+    episodes = page.findall(".//section[@id='episodes']/div")
+    assert episodes
+    assert all(not list(episode.iter(f"{SVG}svg")) for episode in episodes), "no view from above"
 
 
 def test_runs_of_several_configurations_are_told_apart(bare: Path, tmp_path: Path) -> None:

@@ -147,7 +147,7 @@ def _tiles(subject: _Subject) -> list[tuple[str, str]]:
         tiles.append((f"{rows[-1]['time/minutes']:.0f} min", "of training"))
     if rows and "env_steps" in rows[-1]:
         speed = rows[-1]["env_steps"] / max(60 * rows[-1].get("time/minutes", 0.0), 1e-9)
-        tiles.append((f"{speed:.0f}", "environment steps a second"))
+        tiles.append((f"{speed:.0f}", "environment steps per second"))
     return tiles
 
 

@@ -9,7 +9,8 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from vhs import Outcome
-from vhs.report.page import Section, card, figure, legend, missing, shaded
+from vhs.report.outcomes import colour_of, outcome_legend, outcomes_by_goal, step_counts
+from vhs.report.page import Section, card, figure, missing, shaded
 from vhs.report.room import top_view
 from vhs.report.svg import Axes, Frame, Line, svg
 from vhs.report.tracks import Track, confusion, pick
@@ -24,23 +25,26 @@ _ROOM_LEAD = (
 
 
 def confusion_section(tracks: Sequence[Track], names: Sequence[str], why: str) -> Section:
-    """Asked against reached goal, where the task says the latter, and steps taken against steps needed."""
+    """How episodes ended by the goal that was asked for; what else the task says of them."""
     title = "Asked and reached"
     if not tracks:
         return Section("confusion", title, missing(why))
-    note = f"{len(tracks)} episodes, actions sampled. None: the time ran out."
-    wrong = sum(t.moments[-1].reached == t.goal and t.outcome is Outcome.FAILURE for t in tracks)
-    if wrong:
-        note += f" In {wrong} the right goal got the wrong interaction."
-    steps_note = "One dot an episode; on the dotted line no way is shorter."
-    cards = ""
+    note = f"{len(tracks)} episodes, actions sampled."
+    cards = card("Outcomes by goal", outcomes_by_goal(tracks, names), note) if names else ""
     if any(track.moments[-1].reached is not None for track in tracks):
-        cards += card("Episodes by goal", _matrix(tracks, names), note)
+        wrong = sum(t.moments[-1].reached == t.goal and t.outcome is Outcome.FAILURE for t in tracks)
+        reached_note = "A row a goal that was asked for. None: the time ran out."
+        if wrong:
+            reached_note += f" In {wrong} the right goal got the wrong interaction."
+        cards += card("Reached instead", _matrix(tracks, names), reached_note)
     if any(track.optimal_steps is not None for track in tracks):
+        steps_note = "One dot an episode; on the dotted line no way is shorter."
         cards += card("Steps taken and steps needed", _steps(tracks), steps_note)
-    if not cards:
-        return Section("confusion", title, missing("the task says neither `reached` nor `shortest`"))
-    lead = "Episodes that training never saw. The agent itself never learns what it reached."
+    else:
+        cards += card("Steps that episodes took", step_counts(tracks), "" if names else note)
+    lead = "Episodes that training never saw."
+    if any(track.moments[-1].reached is not None for track in tracks):
+        lead += " The agent itself never learns what it reached."
     return Section("confusion", title, f'<div class="grid">{cards}</div>', lead)
 
 
@@ -61,7 +65,15 @@ def _matrix(tracks: Sequence[Track], names: Sequence[str]) -> str:
     head = "".join(f"<th>{escape(name)}</th>" for name in [*names, "none"])
     rows = []
     for name, row in zip(names, counts.tolist(), strict=True):
-        cells = "".join(shaded(str(count) if count else "·", count / max(sum(row), 1)) for count in row)
+        total, ends = max(sum(row), 1), zip([*names, "nothing"], row, strict=True)
+        cells = "".join(
+            shaded(
+                str(count) if count else "·",
+                count / total,
+                f"asked {name}, reached {end}: {count} of {total}",
+            )
+            for end, count in ends
+        )
         rows.append(f"<tr><th>{escape(name)}</th>{cells}</tr>")
     corner = "<th>asked \\ reached</th>"
     return (
@@ -85,10 +97,10 @@ def _steps(tracks: Sequence[Track]) -> str:
         radius, angle = 6.5 * math.sqrt((row * 0.618) % 1.0), 2.4 * row
         a, b = frame.x(x) + radius * math.cos(angle), frame.y(y) + radius * math.sin(angle)
         parts.append(
-            f'<circle class="dot" cx="{a:.1f}" cy="{b:.1f}" r="3.2" style="fill:{_colour(outcome)}"/>'
+            f'<circle class="dot" cx="{a:.1f}" cy="{b:.1f}" r="3.2" style="fill:{colour_of(outcome)}" '
+            f'data-tip="{outcome.name.lower()}: {y} steps, shortest {x}"/>'
         )
-    names = [(outcome.name.lower(), _colour(outcome)) for outcome in Outcome]
-    return legend(names) + svg(axes.width, axes.height, axes.title, "".join(parts))
+    return outcome_legend() + svg(axes.width, axes.height, axes.title, "".join(parts))
 
 
 def _episode(track: Track, names: Sequence[str]) -> str:
@@ -103,11 +115,12 @@ def _episode(track: Track, names: Sequence[str]) -> str:
     )
     name = f"episode {track.number} from above"
     above = "" if track.way is None else f"<div>{top_view(track.way, name)}</div>"
+    kind = "episode" if above else "strip"
     strip = "" if end.told is None else figure(end.told, "goal")
     strip += "".join(_frame(moment, outcome) for moment in track.moments)
     return (
-        f'<div class="card" style="--here:{_colour(track.outcome)};margin-top:14px">{title}'
-        f'<div class="episode">{above}<div class="row">{strip}</div></div></div>'
+        f'<div class="card" style="--here:{colour_of(track.outcome)};margin-top:14px">{title}'
+        f'<div class="{kind}">{above}<div class="row">{strip}</div></div></div>'
     )
 
 
@@ -115,7 +128,3 @@ def _frame(moment: Moment, outcome: str) -> str:
     if moment.action is None or moment.value is None:
         return figure(moment.view, outcome, "end")
     return figure(moment.view, f"{moment.action} {moment.value:+.2f}")
-
-
-def _colour(outcome: Outcome) -> str:
-    return f"var(--{outcome.name.lower()})"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from xml.sax.saxutils import escape
+from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 import torch
@@ -212,18 +212,17 @@ def _scatter(plane: NDArray[np.float32], labels: NDArray[np.int64], goals: Store
     low, high = plane.min(axis=0), plane.max(axis=0)
     scaled = (plane - low) / np.maximum(high - low, 1e-9) * (width - 2 * margin, height - 2 * margin) + margin
     parts = [
-        _marker(int(label), float(x), float(y), goals.names[label] if row >= len(goals.features) else "")
+        _marker(int(label), float(x), float(y), goals.names[label], row >= len(goals.features))
         for row, ((x, y), label) in enumerate(zip(scaled, labels, strict=True))
     ]
     return svg(width, height, "t-SNE of goal features", "".join(parts))
 
 
-def _marker(label: int, x: float, y: float, prototype_of: str) -> str:
-    size = 9.0 if prototype_of else 3.4
-    shape = _polygon(label % _SHAPES, x, y, size)
-    rim = ";stroke:var(--ink);stroke-width:2" if prototype_of else ";fill-opacity:.75"
-    name = f"<title>prototype: {escape(prototype_of)}</title>" if prototype_of else ""
-    return f'<polygon style="fill:var(--o{label % _SHAPES}){rim}" points="{shape}">{name}</polygon>'
+def _marker(label: int, x: float, y: float, name: str, is_prototype: bool) -> str:
+    shape = _polygon(label % _SHAPES, x, y, 9.0 if is_prototype else 3.4)
+    rim = ";stroke:var(--ink);stroke-width:2" if is_prototype else ";fill-opacity:.75"
+    tip = quoteattr(f"prototype of {name}" if is_prototype else name)
+    return f'<polygon style="fill:var(--o{label % _SHAPES}){rim}" points="{shape}" data-tip={tip}/>'
 
 
 _CORNERS: Sequence[tuple[int, float, float]] = (

@@ -1,7 +1,7 @@
 """The page: its sections, its style, and the small pieces of HTML that sections are made of.
 
-Invariants: one file that refers to nothing outside itself; well-formed XML, so that a test can read it; no
-script.
+Invariants: one file that refers to nothing outside itself; well-formed XML, so that a test can read it; whole
+without its script, which only tells values under the pointer.
 """
 
 from __future__ import annotations
@@ -43,7 +43,9 @@ def page(
         foot: plain text.
     """
     # Not escaped: HTML reads no entities in a style sheet, and this one holds neither < nor &.
-    style = files("vhs.report").joinpath("style.css").read_text(encoding="utf-8")
+    style, script = (
+        files("vhs.report").joinpath(name).read_text(encoding="utf-8") for name in ("style.css", "hover.js")
+    )
     links = "".join(f'<a href="#{s.anchor}">{escape(s.title)}</a>' for s in sections)
     shown = "".join(f'<div class="tile"><b>{escape(b)}</b><span>{escape(t)}</span></div>' for b, t in tiles)
     return f"""<!DOCTYPE html>
@@ -68,6 +70,8 @@ def page(
 {"".join(_section(section) for section in sections)}
 <footer>{escape(foot)}</footer>
 </main>
+<script>//<![CDATA[
+{script}//]]></script>
 </body>
 </html>
 """
@@ -108,9 +112,10 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], numbers_from: int)
     )
 
 
-def shaded(text: str, share: float) -> str:
-    """A table cell that is darker the greater `share` is, in 0..1."""
-    return f'<td style="background:rgba(var(--cell),{0.75 * share:.2f})">{escape(text)}</td>'
+def shaded(text: str, share: float, says: str = "") -> str:
+    """A table cell that is darker the greater `share` is, in 0..1; `says` stands under the pointer."""
+    told = f" title={quoteattr(says)}" if says else ""
+    return f'<td style="background:rgba(var(--cell),{0.75 * share:.2f})"{told}>{escape(text)}</td>'
 
 
 def image(picture: NDArray[np.uint8], alt: str) -> str:

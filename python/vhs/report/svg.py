@@ -1,8 +1,9 @@
-"""Charts as SVG text: axes, lines with bands, scatter.
+"""Charts as SVG text: axes, lines with bands, shares that add up, scatter.
 
 Colours are names of CSS variables of the page, so that one chart is legible on light and on dark paper. Texts
-grow on narrow screens by the page's style sheet; margins leave room for that. Every function returns
-well-formed XML.
+grow on narrow screens by the page's style sheet; margins leave room for that. Curves and marks carry their
+numbers and words as attributes, which `hover.js` shows under the pointer. Every function returns well-formed
+XML.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ FloatArray = NDArray[np.float64]
 
 LETTER_PX = 9.6
 """Width of a letter at the largest size that the style sheet gives; to leave room for labels."""
+_TICK_PX = 8.0
+"""Width of a letter of a tick."""
 _LINE_PX = 17
-_HOVERED = 60
-"""Most points of a line that tell their value when pointed at."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +39,7 @@ class Line:
     high: FloatArray | None = None
     raw: FloatArray | None = None
     """Values before smoothing, drawn thin."""
+    is_dashed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +49,9 @@ class Axes:
     title: str
     """For those who cannot see the chart."""
     x_label: str = "episodes"
+    """Below the axis; where it is empty there is no room for it."""
+    hovered: str = ""
+    """What x is under the pointer, where `x_label` does not say it."""
     is_share: bool = False
     """Values are shares: the axis goes from 0 to 100 %."""
     width: int = 460
@@ -65,11 +70,14 @@ class Frame:
         self.axes = axes
         self.named = lines if axes.has_labels and len(lines) > 1 else ()
         names = [line.label for line in self.named] + [text for text, _ in axes.marks]
-        self.left, self.top, self.bottom = 50, 12, axes.height - 46
-        self.right = axes.width - max(14, *(14 + LETTER_PX * len(name) for name in names), 14)
+        self.top = 12
+        self.bottom = axes.height - (46 if axes.x_label else 26)
+        self.right = axes.width - max([22.0, *(14 + LETTER_PX * len(name) for name in names)])
         self.x_max = max(float(line.x.max()) for line in lines)
         low, high = _range(axes, lines)
         self.ticks = nice_ticks(low, high)
+        widest = max(len(self._tick(tick)) for tick in self.ticks)
+        self.left = max(50.0, 10 + _TICK_PX * widest)
         self.low, self.high = (
             (0.0, 1.0) if axes.is_share else (min(low, self.ticks[0]), max(high, self.ticks[-1]))
         )
@@ -88,7 +96,7 @@ class Frame:
         parts = []
         for tick in self.ticks:
             y = self.y(tick)
-            text = f"{tick:.0%}" if self.axes.is_share else compact(tick)
+            text = self._tick(tick)
             parts.append(
                 f'<line class="grid" x1="{self.left}" x2="{self.right:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>'
             )
@@ -99,12 +107,19 @@ class Frame:
             x = self.x(tick)
             place = f'x="{x:.1f}" y="{self.bottom + 19}" text-anchor="middle"'
             parts.append(f'<text class="tick" {place}>{compact(tick)}</text>')
-        middle = (self.left + self.right) / 2
-        label = escape(self.axes.x_label)
-        parts.append(
-            f'<text class="axis" x="{middle:.1f}" y="{self.bottom + 40}" text-anchor="middle">{label}</text>'
-        )
+        if self.axes.x_label:
+            place = f'x="{(self.left + self.right) / 2:.1f}" y="{self.bottom + 40}" text-anchor="middle"'
+            parts.append(f'<text class="axis" {place}>{escape(self.axes.x_label)}</text>')
         return "".join(parts)
+
+    def _tick(self, value: float) -> str:
+        return f"{value:.0%}" if self.axes.is_share else compact(value)
+
+    def chart(self, parts: Sequence[str]) -> str:
+        """The drawing, with what `hover.js` needs to know of it."""
+        axes = self.axes
+        inside = f'data-inside="{self.top} {self.bottom}" data-x={quoteattr(axes.hovered or axes.x_label)}'
+        return svg(axes.width, axes.height, axes.title, "".join(parts), about=inside)
 
 
 def line_chart(axes: Axes, lines: Sequence[Line]) -> str:
@@ -118,16 +133,29 @@ def line_chart(axes: Axes, lines: Sequence[Line]) -> str:
         )
     parts += [_band(frame, line) for line in lines]
     parts += [_curve(frame, line) for line in lines]
-    parts += [_hover(frame, line) for line in lines]
     parts.append(_end_labels(frame))
-    return svg(axes.width, axes.height, axes.title, "".join(parts))
+    return frame.chart(parts)
 
 
-def svg(width: float, height: float, title: str, content: str, kind: str = "chart") -> str:
-    """A drawing that scales with the page."""
+def stacked_chart(axes: Axes, lines: Sequence[Line]) -> str:
+    """Shares that add up to 1, on top of each other; all lines have the same x."""
+    frame = Frame(axes, lines)
+    parts = []
+    below = np.zeros_like(lines[0].y)
+    for line in lines:
+        above = below + line.y
+        edge, back = _path(frame, line.x, above), _path(frame, line.x[::-1], below[::-1])
+        style = f'style="--ink-of:{line.colour};fill:{line.colour}"'
+        parts.append(f'<polygon class="area" {style} {_numbers(frame, line)} points="{edge} {back}"/>')
+        below = above
+    return frame.chart([*parts, frame.grid()])
+
+
+def svg(width: float, height: float, title: str, content: str, kind: str = "chart", about: str = "") -> str:
+    """A drawing that scales with the page; `about` are further attributes."""
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" class="{kind}" viewBox="0 0 {width:g} {height:g}" '
-        f'role="img" aria-label={quoteattr(title)}>{content}</svg>'
+        f'role="img" aria-label={quoteattr(title)} {about}>{content}</svg>'
     )
 
 
@@ -174,25 +202,20 @@ def _band(frame: Frame, line: Line) -> str:
 
 
 def _curve(frame: Frame, line: Line) -> str:
-    style = f'style="stroke:{line.colour}"'
+    style = f'style="--ink-of:{line.colour};stroke:{line.colour}"'
+    kind = "line dashed" if line.is_dashed else "line"
     thin = ""
     if line.raw is not None:
         thin = f'<polyline class="raw" {style} points="{_path(frame, line.x, line.raw)}"/>'
-    return f'{thin}<polyline class="line" {style} points="{_path(frame, line.x, line.y)}"/>'
+    path = _path(frame, line.x, line.y)
+    return f'{thin}<polyline class="{kind}" {style} {_numbers(frame, line)} points="{path}"/>'
 
 
-def _hover(frame: Frame, line: Line) -> str:
-    """Invisible points that say their value when pointed at."""
-    rows = np.unique(np.linspace(0, len(line.x) - 1, min(len(line.x), _HOVERED)).astype(int))
-    parts = []
-    for x, y in zip(line.x[rows], line.y[rows], strict=True):
-        value = f"{y:.1%}" if frame.axes.is_share else f"{y:.4g}"
-        place = f'cx="{frame.x(x):.1f}" cy="{frame.y(y):.1f}" r="5"'
-        parts.append(
-            f'<circle class="hover" style="fill:{line.colour}" {place}>'
-            f"<title>{escape(line.label)}: {value} at {x:,.0f}</title></circle>"
-        )
-    return "".join(parts)
+def _numbers(frame: Frame, line: Line) -> str:
+    """The values of a line, for `hover.js`; its first points are where they are drawn."""
+    xs, ys = (" ".join(f"{value:.6g}" for value in values) for values in (line.x, line.y))
+    kind = "share" if frame.axes.is_share else "number"
+    return f'data-label={quoteattr(line.label)} data-kind="{kind}" data-x="{xs}" data-y="{ys}"'
 
 
 def _end_labels(frame: Frame) -> str:
