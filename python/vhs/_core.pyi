@@ -412,6 +412,7 @@ class EpisodeBuffer:
         goal_dtype: DTypeLike | None = None,
         fields: Mapping[str, Field] | None = None,
         action_dim: int = 0,
+        priority_exponent: float | None = None,
         backing: str | PathLike[str] = "memory",
         seed: int = 0,
     ) -> EpisodeBuffer:
@@ -441,6 +442,8 @@ class EpisodeBuffer:
             fields: Further arrays of observations or steps by name, such as {"compass": Field((2,))}; stored
                 once, and in the `fields` of every batch.
             action_dim: Numbers in a continuous action; 0: actions are numbered.
+            priority_exponent: Of prioritised draws, in 0..=1: a step's odds are its priority to this power
+                (alpha). None: steps have no priorities.
             backing: "memory", or the path of a scratch file that does not exist yet and may grow larger than
                 memory. It vanishes with the buffer, however the process ends; `save` is what keeps episodes.
             seed: Of the generator behind sampling, in 0..2**64.
@@ -646,8 +649,11 @@ class EpisodeBuffer:
         on: Sequence[int | str] | None = None,
         reward: SparseReward | _RewardFunction | None = None,
         out: dict[str, NDArray[Any]] | None = None,
+        n_step: int = 1,
+        gamma: float | None = None,
+        beta: float | None = None,
     ) -> TransitionBatch:
-        """Draw single steps of finished episodes, uniformly and with replacement (Andrychowicz et al. 2017).
+        """Draw steps of finished episodes, with replacement, and give them goals (Andrychowicz et al. 2017).
 
         A relabelled step gets as its goal what its own episode reached at its end ("final"), after the step
         ("future"), or at any time ("episode"), or what any stored episode reached ("random"): always what an
@@ -667,12 +673,36 @@ class EpisodeBuffer:
                 beyond the end), for what a caller keeps beside the buffer.
             out: Arrays to write into, by the name of the batch's attribute: "observations",
                 "next_observations", "goals", "achieved_goals", "previous_achieved_goals", or some of them.
+            n_step: Steps that a reward is summed over: fewer where the episode ends before or, under the goal
+                of the row, the task. `next_observations` come after the last of them. Above 1 it needs `gamma`,
+                and no function as `reward`.
+            gamma: Discount of a step, in 0..=1, for the sums and `discounts`.
+            beta: None: all steps are equally likely. A number in 0..=1: in proportion to their priorities,
+                with `weights` that undo so much of it (Schaul et al. 2016).
 
         Raises:
             EmptyError: When no finished episode is stored.
-            ArgumentError: For a number or a word that is not known, or both a probability and a ratio.
+            ArgumentError: For a number or a word that is not known, both a probability and a ratio, or a
+                `beta` where steps have no priorities.
             NonFiniteError: When the function returns NaN or infinity.
             ShapeError, DtypeError, LayoutError: For an `out` or a reward that does not fit.
+        """
+
+    def update_priorities(self, ids: ArrayLike, steps: ArrayLike, priorities: ArrayLike) -> None:
+        """Give steps new priorities, such as the errors just seen plus a small number.
+
+        A new episode's steps have the largest priority that any step ever had.
+
+        Args:
+            ids: Episode of each step, int64 [n], as in a batch. Evicted ones are passed over.
+            steps: Its number in the episode, int64 [n]. Where a step comes twice the last priority counts.
+            priorities: float32 [n], each above 0.
+
+        Raises:
+            ArgumentError: For a priority that is not above 0, or a buffer without a `priority_exponent`.
+            NonFiniteError: For one that is NaN or infinite.
+            EpisodeError, LabelError: For an episode that never was, or a step that it does not have.
+            ShapeError, DtypeError: For arrays that do not fit.
         """
 
     def sample_windows(
@@ -780,7 +810,7 @@ class EpisodeBuffer:
 
     @property
     def nbytes(self) -> int:
-        """Bytes set aside for frames, goals reached and fields so far."""
+        """Bytes set aside for frames, goals reached, fields and priorities so far."""
 
     @property
     def frame_shape(self) -> tuple[int, ...]:
@@ -817,6 +847,10 @@ class EpisodeBuffer:
     @property
     def action_dim(self) -> int:
         """Numbers in a continuous action; 0 where actions are numbered."""
+
+    @property
+    def priority_exponent(self) -> float | None:
+        """Exponent of prioritised draws; None where steps have no priorities."""
 
     @property
     def num_streams(self) -> int:
@@ -936,7 +970,7 @@ class EpisodeBatch:
 
 @final
 class TransitionBatch:
-    """n single steps as arrays."""
+    """n transitions as arrays: of one step each, or of as many as `lengths` says."""
 
     @property
     def observations(self) -> NDArray[Any]:
@@ -944,7 +978,7 @@ class TransitionBatch:
 
     @property
     def next_observations(self) -> NDArray[Any]:
-        """Stacked frames after the step, of the same shape."""
+        """Stacked frames after the step, or the last of the row's, of the same shape."""
 
     @property
     def goals(self) -> NDArray[Any] | None:
@@ -975,7 +1009,22 @@ class TransitionBatch:
 
     @property
     def rewards(self) -> NDArray[np.float32]:
-        """Rewards under the row's goal, float32 [n]."""
+        """Rewards under the row's goal, float32 [n]; the discounted sum where there are several steps."""
+
+    @property
+    def lengths(self) -> NDArray[np.int64]:
+        """Steps that each reward is summed over, int64 [n]: at most `n_step`."""
+
+    @property
+    def discounts(self) -> NDArray[np.float32]:
+        """`gamma` to the power of `lengths`, float32 [n]: what is expected after the row is worth so much.
+
+        1 where no gamma was given.
+        """
+
+    @property
+    def weights(self) -> NDArray[np.float32] | None:
+        """(N P)^-beta over the batch's largest, float32 [n]; None where all steps were equally likely."""
 
     @property
     def terminated(self) -> NDArray[np.bool_]:

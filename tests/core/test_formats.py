@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -28,6 +29,11 @@ MAKE = load_make()
 DIGESTS = json.loads((FORMATS / "digests.json").read_text(encoding="utf-8"))
 
 
+def reader_of(name: str) -> Callable[[Path], str]:
+    kinds = {"goals": MAKE.of_goals, "priorities": MAKE.of_priorities}
+    return next((read for kind, read in kinds.items() if kind in name), MAKE.of_episodes)
+
+
 def test_every_file_has_a_digest_and_none_is_large() -> None:
     assert sorted(DIGESTS) == [path.name for path in FILES]
     assert set(MAKE.FILES) <= set(DIGESTS)
@@ -36,8 +42,7 @@ def test_every_file_has_a_digest_and_none_is_large() -> None:
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
 def test_a_file_reads_as_what_it_held_when_it_was_written(path: Path) -> None:
-    kind = MAKE.of_goals if path.name.startswith("goals") else MAKE.of_episodes
-    assert kind(path) == DIGESTS[path.name]
+    assert reader_of(path.name)(path) == DIGESTS[path.name]
 
 
 @pytest.mark.parametrize("name", MAKE.FILES)

@@ -67,6 +67,12 @@ def of_episodes(path: Path) -> str:
     )
 
 
+def of_priorities(path: Path) -> str:
+    """As `of_episodes`, and what priorities draw."""
+    batch = vhs.EpisodeBuffer.load(path).sample_transitions(20, beta=1.0)
+    return digest(of_episodes(path), batch.ids, batch.steps, batch.weights)
+
+
 def make_goals(path: Path) -> None:
     """Three classes of stacked images: one full and wrapped, one half full, one empty."""
     store = vhs.GoalStore(3, (2, *FRAME), 4, seed=11)
@@ -115,6 +121,11 @@ def make_fields(path: Path) -> None:
     record(path, {"fields": fields})
 
 
+def make_priorities(path: Path) -> None:
+    """Steps with priorities, some of them given anew."""
+    record(path, {"priority_exponent": 0.5})
+
+
 def record(path: Path, kind: dict[str, object]) -> None:
     """Five short episodes, the first ones evicted, and one on another stream that is still open."""
     sizes = {"num_streams": 2, "max_episode_steps": 4, "capacity_steps": 10, "seed": 5}
@@ -156,7 +167,9 @@ def record(path: Path, kind: dict[str, object]) -> None:
         for step in range(length):
             append(number, step == length - 1)
         buffer.finish(0, vhs.Outcome(number % 3), terminated=number % 2 == 0)
-    buffer.sample_transitions(3)
+    steps = buffer.sample_transitions(3)
+    if buffer.priority_exponent is not None:
+        buffer.update_priorities(steps.ids, steps.steps, [4.0, 0.25, 9.0])
     buffer.save(path)
 
 
@@ -168,6 +181,7 @@ FILES = {
     "episodes-4-channels.vhs": (make_channels, of_episodes),
     "episodes-4-depths.vhs": (make_depths, of_episodes),
     "episodes-4-fields.vhs": (make_fields, of_episodes),
+    "episodes-4-priorities.vhs": (make_priorities, of_priorities),
 }
 
 

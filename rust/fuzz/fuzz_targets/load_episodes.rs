@@ -9,7 +9,9 @@ use vhs_core::config::{Backing, GoalKind, Per};
 use vhs_core::episodes::{EpisodeBuffer, Opening, Steps};
 use vhs_core::outcome::Outcome;
 use vhs_core::reward::SparseReward;
+use vhs_core::rng::Rng;
 use vhs_core::strategy::{HindsightRule, Share, Strategy};
+use vhs_core::transitions::TransitionDraw;
 use vhs_core::windows::WindowShape;
 
 /// One more episode of one step, whatever counters the file had.
@@ -82,6 +84,17 @@ fuzz_target!(|data: &[u8]| {
             buffer.sample(2, None).expect("episodes to draw");
             buffer
                 .sample_transitions(4, Some(&rule), Some(&reward))
+                .expect("steps to draw");
+            let draw = TransitionDraw {
+                n: 4,
+                rule: Some(&rule),
+                reward: Some(&reward),
+                n_step: 3,
+                gamma: 0.9,
+                beta: buffer.config().priority_exponent.map(|_| 0.5),
+            };
+            buffer
+                .sample_transitions_with(&draw, &mut Rng::new(0))
                 .expect("steps to draw");
             let shape = WindowShape {
                 length: 2,

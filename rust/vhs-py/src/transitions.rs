@@ -38,6 +38,12 @@ pub(crate) struct TransitionBatch {
     terminated: Py<PyArrayDyn<bool>>,
     #[doc = stub!("TransitionBatch.truncated")]
     truncated: Py<PyArrayDyn<bool>>,
+    #[doc = stub!("TransitionBatch.lengths")]
+    lengths: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("TransitionBatch.discounts")]
+    discounts: Py<PyArrayDyn<f32>>,
+    #[doc = stub!("TransitionBatch.weights")]
+    weights: Option<Py<PyArrayDyn<f32>>>,
     #[doc = stub!("TransitionBatch.relabelled")]
     relabelled: Py<PyArrayDyn<bool>>,
     #[doc = stub!("TransitionBatch.ids")]
@@ -140,7 +146,14 @@ impl TransitionBatch {
             previous_achieved_goals,
         ] = large.map(|part| part.map(Bound::unbind));
         let index_of_goals = Goals::from_core(py, index.goals)?;
+        let weights = match index.weights {
+            weights if weights.is_empty() => None,
+            weights => Some(into_array(py, weights, &n)?.unbind()),
+        };
         Ok(Self {
+            weights,
+            lengths: into_array(py, index.lengths, &n)?.unbind(),
+            discounts: into_array(py, index.discounts, &n)?.unbind(),
             observations,
             next_observations,
             goals,

@@ -47,7 +47,7 @@ pub enum Backing {
 /// What an [`EpisodeBuffer`](super::episodes::EpisodeBuffer) is built from.
 ///
 /// `EpisodeConfig { frame_shape, ..EpisodeConfig::default() }` is the way to make one: fields may be added.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct EpisodeConfig {
     /// Shape of one frame.
     pub frame_shape: Vec<usize>,
@@ -81,6 +81,9 @@ pub struct EpisodeConfig {
     pub interactions: BTreeMap<i64, i64>,
     /// Numbers in a continuous action; 0 where actions are numbered.
     pub action_dim: usize,
+    /// alpha of prioritised draws, in 0..=1: a step is drawn with the odds of its priority to this power. None: no
+    /// step has a priority.
+    pub priority_exponent: Option<f64>,
     /// Seed of [`EpisodeBuffer::sample`](super::episodes::EpisodeBuffer::sample) and of the relabelling done with it.
     pub seed: u64,
     /// Where frames lie.
@@ -106,6 +109,7 @@ impl Default for EpisodeConfig {
             num_interactions: 0,
             interactions: BTreeMap::new(),
             action_dim: 0,
+            priority_exponent: None,
             seed: 0,
             backing: Backing::Memory,
         }
@@ -127,6 +131,8 @@ impl EpisodeConfig {
         check_range("action_dim", self.action_dim, 0, MAX_COUNT)?;
         check_range("num_actions", self.action_limit(), 1, 2 * MAX_COUNT)?;
         self.check_first_action()?;
+        let exponent = self.priority_exponent.unwrap_or_default();
+        check::check_fraction("priority_exponent", exponent)?;
         self.check_interactions()?;
         self.check_total()?;
         let least = self.num_streams.saturating_mul(self.max_episode_steps);

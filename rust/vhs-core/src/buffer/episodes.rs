@@ -17,6 +17,7 @@ use crate::buffer::config::{Backing, EpisodeConfig};
 use crate::buffer::episode::{Episode, Opening, Steps};
 use crate::buffer::field::{Field, Per};
 use crate::buffer::layer::Layer;
+use crate::buffer::priorities::Priorities;
 use crate::labels::class_of;
 use crate::outcome::Outcome;
 use crate::storage::memory::scratch_file;
@@ -70,6 +71,8 @@ pub struct EpisodeBuffer {
     pub(crate) next_id: u64,
     /// Steps stored, finished and open.
     pub(crate) steps: usize,
+    /// Of finished steps, where they have any.
+    pub(crate) priorities: Option<Priorities>,
     pub(crate) rng: Rng,
 }
 
@@ -97,6 +100,8 @@ impl EpisodeBuffer {
             .take(config.num_streams)
             .collect();
         let rng = Rng::new(config.seed);
+        let exponent = config.priority_exponent;
+        let priorities = exponent.map(Priorities::new);
         Ok(Self {
             slab,
             achieved: Slab::new(vector_bytes, most, Source::Memory),
@@ -110,6 +115,7 @@ impl EpisodeBuffer {
             finished_steps: 0,
             next_id: 0,
             steps: 0,
+            priorities,
             rng,
             config,
         })
@@ -218,7 +224,7 @@ impl EpisodeBuffer {
     ///
     /// # Errors
     /// [`Error::Label`], [`Error::Protocol`] where no episode is open or the open one has no step
-    /// yet.
+    /// yet, [`Error::Memory`].
     pub fn finish_with(
         &mut self,
         stream: i64,
@@ -238,10 +244,14 @@ impl EpisodeBuffer {
                 found,
             });
         }
+        self.reserve_priorities(stream)?;
         if let Some(mut episode) = self.open[stream].take() {
             episode.outcome = outcome;
             episode.is_terminated = is_terminated;
             self.steps_before.push_back(self.finished_steps);
+            if let Some(priorities) = &mut self.priorities {
+                priorities.add(self.finished_steps, episode.len());
+            }
             self.finished_steps += episode.len() as u64;
             self.finished.push_back(*episode);
             self.next_id += 1;
@@ -314,11 +324,13 @@ impl EpisodeBuffer {
         self.steps
     }
 
-    /// Bytes set aside for frames, goal vectors and fields; grows as the buffer fills.
+    /// Bytes set aside for frames, goal vectors, fields and priorities; grows as the buffer fills.
     #[must_use]
     pub fn allocated_bytes(&self) -> usize {
         let slabs = [&self.slab, &self.achieved].into_iter().chain(&self.fields);
-        slabs.map(Slab::allocated_bytes).sum()
+        let priorities = self.priorities.as_ref();
+        slabs.map(Slab::allocated_bytes).sum::<usize>()
+            + priorities.map_or(0, Priorities::allocated_bytes)
     }
 
     /// What the buffer was built from.
@@ -428,7 +440,10 @@ impl EpisodeBuffer {
             let Some(oldest) = self.finished.pop_front() else {
                 break;
             };
-            self.steps_before.pop_front();
+            let first = self.steps_before.pop_front();
+            if let (Some(first), Some(priorities)) = (first, &mut self.priorities) {
+                priorities.remove(first, oldest.len());
+            }
             self.release(oldest);
         }
     }
@@ -459,6 +474,23 @@ impl EpisodeBuffer {
         if self.saves.1 == 0 || self.saves.0 != fork::lineage() {
             self.free.append(&mut self.retired);
         }
+    }
+
+    /// Makes room for the priorities of the steps of a stream's open episode.
+    fn reserve_priorities(&mut self, stream: usize) -> Result<()> {
+        let steps = self.opened("finish", stream)?.len();
+        let first = self.first_number();
+        let stored = usize::try_from(self.finished_steps - first).unwrap_or(usize::MAX);
+        match &mut self.priorities {
+            None => Ok(()),
+            Some(priorities) => priorities.reserve(first, stored + steps),
+        }
+    }
+
+    /// The number of the oldest stored step among all that ever finished.
+    pub(crate) fn first_number(&self) -> u64 {
+        let oldest = self.steps_before.front();
+        oldest.copied().unwrap_or(self.finished_steps)
     }
 
     /// Makes room for `n` more frames and their goal vectors.

@@ -6,6 +6,8 @@ pub mod episode;
 pub mod episodes;
 pub mod field;
 pub mod picks;
+mod priorities;
+mod prioritised;
 pub mod transitions;
 pub mod windows;
 

@@ -52,18 +52,6 @@ pub struct GoalIndex {
 }
 
 impl EpisodeBuffer {
-    /// Draws `n` steps and their goals. Draws a row: the step; where a probability is given, one number; where
-    /// the row is relabelled by a strategy with a choice, the choice.
-    pub(crate) fn draw(
-        &self,
-        n: usize,
-        rule: Option<&HindsightRule>,
-        rng: &mut Rng,
-    ) -> Result<Vec<Pick>> {
-        self.check_drawable(n)?;
-        self.draw_by(n, rule, rng, |rng| self.draw_step(rng))
-    }
-
     /// Refuses to draw nothing, or from nothing.
     pub(crate) fn check_drawable(&self, n: usize) -> Result<()> {
         check_range("n", n, 1, usize::MAX)?;
@@ -76,7 +64,9 @@ impl EpisodeBuffer {
         Ok(())
     }
 
-    /// As `draw`, with places among the finished episodes and their steps from a function.
+    /// Draws `n` steps by a function, which gives places among the finished episodes and their steps, and their
+    /// goals. Draws a row: the step; where a probability is given, one number; where the row is relabelled by a
+    /// strategy with a choice, the choice.
     pub(crate) fn draw_by(
         &self,
         n: usize,
@@ -104,10 +94,14 @@ impl EpisodeBuffer {
     }
 
     /// A step of a finished episode, all equally likely.
-    fn draw_step(&self, rng: &mut Rng) -> (usize, usize) {
+    pub(crate) fn draw_step(&self, rng: &mut Rng) -> (usize, usize) {
         let before = self.steps_before.front().copied().unwrap_or_default();
         let stored = usize::try_from(self.finished_steps - before).unwrap_or(usize::MAX);
-        let number = before + rng.below(stored) as u64;
+        self.place_of(before + rng.below(stored) as u64)
+    }
+
+    /// Place of an episode and step, of the step with this number among all that ever finished.
+    pub(crate) fn place_of(&self, number: u64) -> (usize, usize) {
         let episode = self.steps_before.partition_point(|&first| first <= number) - 1;
         let step = usize::try_from(number - self.steps_before[episode]).unwrap_or_default();
         (episode, step)

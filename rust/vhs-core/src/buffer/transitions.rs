@@ -9,8 +9,9 @@ use crate::buffer::layer::Layer;
 use crate::buffer::picks::{Goal, GoalIndex, Pick};
 use crate::hindsight::reward::SparseReward;
 use crate::hindsight::strategy::HindsightRule;
+use crate::labels::{class_of, label_of};
 use crate::storage::pool::Bytes;
-use vhs_base::check::{check_finite, check_shape, product};
+use vhs_base::check::{check_finite, check_fraction, check_range, check_shape, product};
 use vhs_base::error::Result;
 use vhs_base::interrupt;
 use vhs_base::rng::Rng;
@@ -24,16 +25,64 @@ pub struct TransitionIndex {
     pub actions: Vec<i64>,
     /// Continuous actions, `[n, action_dim]`; empty where actions are numbered.
     pub vectors: Vec<f32>,
-    /// Rewards, `[n]`: by the reward rule where relabelled, else as recorded.
+    /// Rewards, `[n]`: by the reward rule where relabelled, else as recorded; discounted sums of several steps'.
     pub rewards: Vec<f32>,
-    /// Whether the task ended with this step, `[n]`: by the reward rule where relabelled.
+    /// Whether the task ended with the last of a row's steps, `[n]`: by the reward rule where relabelled.
     pub terminated: Vec<bool>,
-    /// Whether a limit cut the episode off after this step, `[n]`.
+    /// Whether a limit cut the episode off after that step, `[n]`.
     pub truncated: Vec<bool>,
+    /// Steps that each row's reward is summed over, `[n]`: m.
+    pub lengths: Vec<i64>,
+    /// gamma^m, which what is expected after those steps is worth, `[n]`.
+    pub discounts: Vec<f32>,
+    /// What undoes the priorities, `[n]`; empty where all steps were equally likely.
+    pub weights: Vec<f32>,
     /// Each field, `[n, *row_shape]`: of `o_t`, or of the step.
     pub fields: Vec<Bytes>,
-    /// Each field of observations of `o_(t+1)`, `[n, *row_shape]`; empty for those of steps.
+    /// Each field of observations of `o_(t+m)`, `[n, *row_shape]`; empty for those of steps.
     pub next_fields: Vec<Bytes>,
+}
+
+/// What is to be drawn.
+#[derive(Clone, Copy, Debug)]
+pub struct TransitionDraw<'a> {
+    /// Transitions, at least 1.
+    pub n: usize,
+    /// How they are relabelled.
+    pub rule: Option<&'a HindsightRule>,
+    /// How relabelled ones are rewarded; None: they keep what was recorded.
+    pub reward: Option<&'a SparseReward>,
+    /// Steps that a reward is summed over at most, at least 1: fewer where the episode or, under the goal of its
+    /// row, the task ends before.
+    pub n_step: usize,
+    /// Discount of a step, in 0..=1.
+    pub gamma: f64,
+    /// None: all steps are equally likely. Some: in proportion to their priorities, of which weights undo so much,
+    /// in 0..=1.
+    pub beta: Option<f64>,
+}
+
+impl Default for TransitionDraw<'_> {
+    /// One step, as it was recorded.
+    fn default() -> Self {
+        Self {
+            n: 1,
+            rule: None,
+            reward: None,
+            n_step: 1,
+            gamma: 1.0,
+            beta: None,
+        }
+    }
+}
+
+impl TransitionDraw<'_> {
+    fn check(&self) -> Result<()> {
+        check_range("n_step", self.n_step, 1, 1 << 20)?;
+        check_fraction("gamma", self.gamma)?;
+        check_fraction("beta", self.beta.unwrap_or_default())?;
+        self.reward.map_or(Ok(()), SparseReward::check)
+    }
 }
 
 /// A batch with its images and goals.
@@ -41,11 +90,11 @@ pub struct TransitionIndex {
 pub struct TransitionBatch {
     /// Observations `o_t`, `[n, *observation_shape]`.
     pub observations: Bytes,
-    /// Observations `o_(t+1)`, of the same shape.
+    /// Observations `o_(t+m)` after the steps of each row, of the same shape.
     pub next_observations: Bytes,
     /// Goals, `[n, *goal]`: zeros where a row's goal is a class number alone; empty where all are.
     pub goals: Bytes,
-    /// Goal vectors reached by `o_(t+1)`, `[n, *goal]`; empty where observations are what is reached.
+    /// Goal vectors reached by `o_(t+m)`, `[n, *goal]`; empty where observations are what is reached.
     pub achieved_goals: Bytes,
     /// Goal vectors reached by `o_t`, `[n, *goal]`; empty where observations are what is reached.
     pub previous_achieved_goals: Bytes,
@@ -106,23 +155,28 @@ impl EpisodeBuffer {
         rule: Option<&HindsightRule>,
         reward: Option<&SparseReward>,
     ) -> Result<TransitionBatch> {
-        self.with_rng(|buffer, rng| buffer.sample_transitions_with(n, rule, reward, rng))
+        let draw = TransitionDraw {
+            n,
+            rule,
+            reward,
+            ..TransitionDraw::default()
+        };
+        self.with_rng(|buffer, rng| buffer.sample_transitions_with(&draw, rng))
     }
 
-    /// As [`EpisodeBuffer::sample_transitions`], drawing from a generator of the caller: several threads may
-    /// do so at the same time.
+    /// As [`EpisodeBuffer::sample_transitions`], with all that can be said of a draw, from a generator of the
+    /// caller: several threads may do so at the same time.
     ///
     /// # Errors
-    /// As [`EpisodeBuffer::sample_transitions`].
+    /// As [`EpisodeBuffer::sample_transitions`]; [`vhs_base::error::Error::Argument`] for a number out of range, or a
+    /// `beta` where the buffer has no priorities.
     pub fn sample_transitions_with(
         &self,
-        n: usize,
-        rule: Option<&HindsightRule>,
-        reward: Option<&SparseReward>,
+        draw: &TransitionDraw<'_>,
         rng: &mut Rng,
     ) -> Result<TransitionBatch> {
         let [observations, next_observations, goals, achieved, previous] =
-            self.transition_sizes(n, rule)?;
+            self.transition_sizes(draw.n, draw.rule)?;
         let mut batch = TransitionBatch {
             observations: Bytes::take("sample", observations)?,
             next_observations: Bytes::take("sample", next_observations)?,
@@ -138,24 +192,22 @@ impl EpisodeBuffer {
             achieved_goals: &mut batch.achieved_goals,
             previous_achieved_goals: &mut batch.previous_achieved_goals,
         };
-        batch.index = self.sample_transitions_into(n, rule, reward, rng, out)?;
+        batch.index = self.sample_transitions_into(draw, rng, out)?;
         Ok(batch)
     }
 
     /// As [`EpisodeBuffer::sample_transitions_with`], into memory of the caller.
     ///
     /// # Errors
-    /// As [`EpisodeBuffer::sample_transitions`], and [`vhs_base::error::Error::Shape`] where a part of `out` is
+    /// As [`EpisodeBuffer::sample_transitions_with`], and [`vhs_base::error::Error::Shape`] where a part of `out` is
     /// not as long as [`EpisodeBuffer::transition_sizes`] says.
     pub fn sample_transitions_into(
         &self,
-        n: usize,
-        rule: Option<&HindsightRule>,
-        reward: Option<&SparseReward>,
+        draw: &TransitionDraw<'_>,
         rng: &mut Rng,
         mut out: TransitionOut<'_>,
     ) -> Result<TransitionIndex> {
-        reward.map_or(Ok(()), SparseReward::check)?;
+        draw.check()?;
         let got = [
             out.observations.len(),
             out.next_observations.len(),
@@ -163,20 +215,40 @@ impl EpisodeBuffer {
             out.achieved_goals.len(),
             out.previous_achieved_goals.len(),
         ];
-        check_shape("out", &self.transition_sizes(n, rule)?, &got)?;
-        let picks = self.draw(n, rule, rng)?;
-        self.write_transitions(&picks, &mut out)?;
-        let mut index = self.transition_index(&picks, reward);
-        index.fields = self.pick_fields(&picks, |pick, per| match per {
-            Per::Observation => Some(pick.step),
+        check_shape("out", &self.transition_sizes(draw.n, draw.rule)?, &got)?;
+        let picks = self.draw_transitions(draw, rng)?;
+        let mut index = self.transition_index(&picks, draw);
+        if let Some(beta) = draw.beta {
+            let places = picks.iter().map(|pick| (pick.episode, pick.step));
+            index.weights = self.importance(places, beta)?;
+        }
+        let next = |place: usize| picks[place].step + class_of(index.lengths[place]);
+        self.write_transitions(&picks, &next, &mut out)?;
+        let fields = self.pick_fields(&picks, |place, per| match per {
+            Per::Observation => Some(picks[place].step),
             // Under the number of the frame that the step led to.
-            Per::Step => Some(pick.step + 1),
+            Per::Step => Some(picks[place].step + 1),
         })?;
-        index.next_fields = self.pick_fields(&picks, |pick, per| match per {
-            Per::Observation => Some(pick.step + 1),
+        let next_fields = self.pick_fields(&picks, |place, per| match per {
+            Per::Observation => Some(next(place)),
             Per::Step => None,
         })?;
-        Ok(index)
+        Ok(TransitionIndex {
+            fields,
+            next_fields,
+            ..index
+        })
+    }
+
+    fn draw_transitions(&self, draw: &TransitionDraw<'_>, rng: &mut Rng) -> Result<Vec<Pick>> {
+        self.check_drawable(draw.n)?;
+        if draw.beta.is_none() {
+            return self.draw_by(draw.n, draw.rule, rng, |rng| self.draw_step(rng));
+        }
+        let priorities = self.priorities()?;
+        self.draw_by(draw.n, draw.rule, rng, |rng| {
+            self.draw_by_priority(priorities, rng)
+        })
     }
 
     /// Bytes of the large parts of a batch of `n` transitions.
@@ -195,7 +267,13 @@ impl EpisodeBuffer {
     }
 
     /// Row by row: the frames that the three images of a row share are still in the cache then.
-    fn write_transitions(&self, picks: &[Pick], out: &mut TransitionOut<'_>) -> Result<()> {
+    /// `next` says which observation comes after the steps of a row.
+    fn write_transitions(
+        &self,
+        picks: &[Pick],
+        next: &impl Fn(usize) -> usize,
+        out: &mut TransitionOut<'_>,
+    ) -> Result<()> {
         let n = picks.len();
         let row = |bytes: usize, place: usize| place * (bytes / n)..(place + 1) * (bytes / n);
         let (images, goals, achieved) = (
@@ -206,7 +284,7 @@ impl EpisodeBuffer {
         for (place, pick) in picks.iter().enumerate() {
             interrupt::check()?;
             let episode = &self.finished[pick.episode];
-            let (here, next) = (pick.step, pick.step + 1);
+            let (here, next) = (pick.step, next(place));
             self.write_observation(episode, here, &mut out.observations[row(images, place)]);
             self.write_observation(
                 episode,
@@ -229,13 +307,12 @@ impl EpisodeBuffer {
     fn pick_fields(
         &self,
         picks: &[Pick],
-        row_of: impl Fn(&Pick, Per) -> Option<usize>,
+        row_of: impl Fn(usize, Per) -> Option<usize>,
     ) -> Result<Vec<Bytes>> {
         let copy = |(field, layer): (&Field, Layer<'_>)| {
             let row = field.row_bytes(self.config.frame_stack);
-            let rows = picks
-                .iter()
-                .filter_map(|pick| Some((pick, row_of(pick, field.per)?)));
+            let rows = picks.iter().enumerate();
+            let rows = rows.filter_map(|(place, pick)| Some((pick, row_of(place, field.per)?)));
             let count = rows.clone().count();
             let mut out = Bytes::take("sample", product("n", &[count, row])?)?;
             for ((pick, t), out) in rows.zip(out.chunks_exact_mut(row)) {
@@ -246,7 +323,7 @@ impl EpisodeBuffer {
         self.layers().map(copy).collect()
     }
 
-    fn transition_index(&self, picks: &[Pick], reward: Option<&SparseReward>) -> TransitionIndex {
+    fn transition_index(&self, picks: &[Pick], draw: &TransitionDraw<'_>) -> TransitionIndex {
         let mut index = TransitionIndex {
             goals: self.goal_index(picks),
             ..TransitionIndex::default()
@@ -254,14 +331,42 @@ impl EpisodeBuffer {
         let dim = self.config.action_dim;
         for pick in picks {
             let (episode, t) = (&self.finished[pick.episode], pick.step);
-            let (reward, terminated, truncated) = self.consequence(pick, t, reward);
+            let sum = self.sum_of(pick, draw);
             index.actions.extend(episode.actions.get(t));
             index.vectors.extend(&episode.vectors[t * dim..][..dim]);
-            index.rewards.push(reward);
-            index.terminated.push(terminated);
-            index.truncated.push(truncated);
+            index.rewards.push(sum.reward);
+            index.terminated.push(sum.is_terminated);
+            index.truncated.push(sum.is_truncated);
+            index.lengths.push(label_of(sum.steps));
+            index.discounts.push(sum.discount);
         }
         index
+    }
+
+    /// The discounted rewards of up to `n_step` steps, none of them after an end.
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "rewards are single precision"
+    )]
+    fn sum_of(&self, pick: &Pick, draw: &TransitionDraw<'_>) -> Sum {
+        // Not 0.0, which a reward of -0.0 would not leave as it is.
+        let (mut reward, mut discount, mut steps) = (-0.0, 1.0, 0);
+        loop {
+            let (one, is_terminated, is_truncated) =
+                self.consequence(pick, pick.step + steps, draw.reward);
+            reward += discount * f64::from(one);
+            discount *= draw.gamma;
+            steps += 1;
+            if is_terminated || is_truncated || steps == draw.n_step {
+                return Sum {
+                    reward: reward as f32,
+                    discount: discount as f32,
+                    steps,
+                    is_terminated,
+                    is_truncated,
+                };
+            }
+        }
     }
 
     /// Reward, terminated and truncated of a step under the goal of its row.
@@ -288,6 +393,16 @@ impl EpisodeBuffer {
             (_, Some(rule)) => (rule.otherwise, false, is_last),
         }
     }
+}
+
+/// What comes of several steps.
+struct Sum {
+    reward: f32,
+    /// What is expected after them is worth so much.
+    discount: f32,
+    steps: usize,
+    is_terminated: bool,
+    is_truncated: bool,
 }
 
 impl TransitionIndex {

@@ -10,6 +10,7 @@ mod fields;
 
 mod goals;
 mod persist;
+mod priorities;
 mod prototypes;
 mod relabel;
 mod returns;

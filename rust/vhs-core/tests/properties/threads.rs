@@ -10,6 +10,7 @@ use vhs_core::prototypes::Prototypes;
 use vhs_core::reward::SparseReward;
 use vhs_core::rng::Rng;
 use vhs_core::strategy::{HindsightRule, Share, Strategy};
+use vhs_core::transitions::TransitionDraw;
 
 use crate::episodes::Pair;
 
@@ -35,10 +36,15 @@ fn readers_side_by_side_draw_what_each_would_draw_alone() {
     }
     let (buffer, rewards) = (&pair.buffer, SparseReward::default());
     let rule = HindsightRule::new(Strategy::Random, Share::Probability(0.5)).expect("valid");
+    let query = TransitionDraw {
+        n: 16,
+        rule: Some(&rule),
+        reward: Some(&rewards),
+        ..TransitionDraw::default()
+    };
     let draw = |seed| {
         let mut rng = Rng::new(seed);
-        let batches = (0..20)
-            .map(|_| buffer.sample_transitions_with(16, Some(&rule), Some(&rewards), &mut rng));
+        let batches = (0..20).map(|_| buffer.sample_transitions_with(&query, &mut rng));
         batches
             .collect::<Result<Vec<_>, _>>()
             .expect("episodes are stored")
@@ -59,9 +65,12 @@ fn what_a_function_gives_is_taken_whole_or_not_at_all() {
     pair.append(&[0], 4, 0.5);
     pair.finish(0, Outcome::Failure);
     let rule = HindsightRule::new(Strategy::Final, Share::Probability(1.0)).expect("valid");
-    let batch = pair
-        .buffer
-        .sample_transitions_with(2, Some(&rule), None, &mut Rng::new(0));
+    let draw = TransitionDraw {
+        n: 2,
+        rule: Some(&rule),
+        ..TransitionDraw::default()
+    };
+    let batch = pair.buffer.sample_transitions_with(&draw, &mut Rng::new(0));
     let mut index = batch.expect("an episode is stored").index;
     let before = index.clone();
     assert!(index.set_relabelled(&[7.0; 2], Some(&[true])).is_err());

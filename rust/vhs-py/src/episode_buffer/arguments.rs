@@ -16,6 +16,7 @@ use crate::arrays::{checked, integer, integer_vec, reals, shape, size, slice, ty
 use crate::bytes::{bytes_of, item};
 use crate::episode_buffer::EpisodeBuffer;
 use crate::error::{dtype, to_py};
+use crate::hindsight::Reward;
 
 impl EpisodeBuffer {
     /// Frames as bytes: `count` of them, or one without a leading dimension.
@@ -190,6 +191,26 @@ pub(super) fn backing(argument: Option<&Bound<'_, PyAny>>) -> PyResult<Backing> 
         return Ok(Backing::Memory);
     }
     Ok(Backing::Scratch(argument.extract::<PathBuf>()?))
+}
+
+/// Refuses sums of several steps without a discount, or of rewards that only a function knows.
+pub(super) fn check_n_step(gamma: Option<f64>, reward: &Reward<'_>) -> PyResult<()> {
+    let wrong = |field, expected: &str, got: &str| {
+        Err(to_py(Error::Argument {
+            field,
+            expected: expected.into(),
+            got: got.into(),
+        }))
+    };
+    match (gamma, reward) {
+        (None, _) => wrong("gamma", "a discount in 0..=1 beside n_step", "None"),
+        (_, Reward::Function(_)) => wrong(
+            "reward",
+            "a vhs.SparseReward where n_step is above 1",
+            "a function",
+        ),
+        _ => Ok(()),
+    }
 }
 
 /// One dense rectangle, or one episode after the other.

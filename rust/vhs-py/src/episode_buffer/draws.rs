@@ -13,7 +13,7 @@ use vhs_core::item::Item;
 use vhs_core::pool::Bytes;
 use vhs_core::relabel::{Hindsight, Rule};
 use vhs_core::strategy::HindsightRule;
-use vhs_core::transitions::TransitionOut;
+use vhs_core::transitions::{TransitionDraw, TransitionOut};
 use vhs_core::windows::{WindowIndex, WindowShape};
 
 use crate::arrays::checked;
@@ -148,14 +148,13 @@ impl EpisodeBuffer {
     pub(crate) fn transitions(
         &self,
         py: Python<'_>,
-        n: usize,
-        rule: Option<&HindsightRule>,
+        draw: &TransitionDraw<'_>,
         reward: &Reward<'_>,
         out: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<TransitionBatch> {
         self.with_rng(|rng| {
-            let config = self.config();
-            let sizes = self.read(py, |buffer| buffer.transition_sizes(n, rule))?;
+            let (config, n) = (self.config(), draw.n);
+            let sizes = self.read(py, |buffer| buffer.transition_sizes(n, draw.rule))?;
             let (goal, item) = self.goal_array();
             let (image, goal) = (
                 [&[n], &config.observation_shape()[..]].concat(),
@@ -185,9 +184,8 @@ impl EpisodeBuffer {
                     achieved_goals,
                     previous_achieved_goals,
                 };
-                let sparse = reward.sparse();
                 self.copy(py, sizes.iter().sum(), |buffer| {
-                    buffer.sample_transitions_into(n, rule, sparse, rng, rows)
+                    buffer.sample_transitions_into(draw, rng, rows)
                 })?
             };
             let large = memory.arrays(py, out, &parts)?;

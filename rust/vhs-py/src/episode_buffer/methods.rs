@@ -8,9 +8,12 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use vhs_base::error::Error;
 use vhs_core::episodes::{self as core, Backing, EpisodeConfig, Item, Opening, Steps};
+use vhs_core::transitions::TransitionDraw;
 use vhs_core::windows::WindowShape;
 
-use super::arguments::{Actions, backing, goal_bytes, goal_kind, interactions, layout};
+use super::arguments::{
+    Actions, backing, check_n_step, goal_bytes, goal_kind, interactions, layout,
+};
 use super::{EpisodeBuffer, stacking};
 use crate::arrays::{
     checked, integer, integer_vec, into_array, real_vec, rng_from_state, rows, seed, shape, size,
@@ -31,11 +34,11 @@ impl EpisodeBuffer {
     #[pyo3(signature = (frame_shape, *, num_streams, max_episode_steps, capacity_steps, frame_stack=None,
                         stacking="frames", num_goals=None, num_actions=None, first_action=None,
                         interactions=None, num_interactions=None, dtype=None, goals="labels", goal_shape=None, goal_dtype=None,
-                        fields=None, action_dim=None, backing=None, seed=None),
+                        fields=None, action_dim=None, priority_exponent=None, backing=None, seed=None),
            text_signature = "(frame_shape, *, num_streams, max_episode_steps, capacity_steps, frame_stack=2, \
                              stacking='frames', num_goals=1, num_actions=None, first_action=0, \
                              interactions=None, num_interactions=None, dtype='uint8', goals='labels', goal_shape=None, \
-                             goal_dtype=None, fields=None, action_dim=0, backing='memory', seed=0)")]
+                             goal_dtype=None, fields=None, action_dim=0, priority_exponent=None, backing='memory', seed=0)")]
     #[expect(
         clippy::too_many_arguments,
         reason = "keyword arguments in Python; one struct from here on"
@@ -58,6 +61,7 @@ impl EpisodeBuffer {
         goal_dtype: Option<&Bound<'_, PyAny>>,
         fields: Option<&Bound<'_, PyAny>>,
         action_dim: Option<&Bound<'_, PyAny>>,
+        priority_exponent: Option<f64>,
         backing: Option<&Bound<'_, PyAny>>,
         seed: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
@@ -83,6 +87,7 @@ impl EpisodeBuffer {
             num_interactions,
             interactions,
             action_dim: or(0, "action_dim", action_dim)?,
+            priority_exponent,
             seed: seed.map_or(Ok(0), self::seed)?,
             backing: self::backing(backing)?,
         };
@@ -285,7 +290,10 @@ impl EpisodeBuffer {
     }
 
     #[doc = stub!("EpisodeBuffer.sample_transitions")]
-    #[pyo3(signature = (n, relabel=None, *, probability=None, ratio=None, on=None, reward=None, out=None))]
+    #[pyo3(signature = (n, relabel=None, *, probability=None, ratio=None, on=None, reward=None, out=None,
+                        n_step=None, gamma=None, beta=None),
+           text_signature = "($self, n, relabel=None, *, probability=None, ratio=None, on=None, reward=None, \
+                             out=None, n_step=1, gamma=None, beta=None)")]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments in Python")]
     fn sample_transitions(
         &self,
@@ -297,10 +305,39 @@ impl EpisodeBuffer {
         on: Option<&Bound<'_, PyAny>>,
         reward: Option<&Bound<'_, PyAny>>,
         out: Option<&Bound<'_, PyDict>>,
+        n_step: Option<&Bound<'_, PyAny>>,
+        gamma: Option<f64>,
+        beta: Option<f64>,
     ) -> PyResult<TransitionBatch> {
         let rule = hindsight_rule(relabel, probability, ratio, on, reward)?;
         let reward = Reward::from_argument(reward)?;
-        self.transitions(py, size("n", n)?, rule.as_ref(), &reward, out)
+        let draw = TransitionDraw {
+            n: size("n", n)?,
+            rule: rule.as_ref(),
+            reward: reward.sparse(),
+            n_step: n_step.map_or(Ok(1), |steps| size("n_step", steps))?,
+            gamma: gamma.unwrap_or(1.0),
+            beta,
+        };
+        if draw.n_step > 1 {
+            check_n_step(gamma, &reward)?;
+        }
+        self.transitions(py, &draw, &reward, out)
+    }
+
+    #[doc = stub!("EpisodeBuffer.update_priorities")]
+    fn update_priorities(
+        &self,
+        py: Python<'_>,
+        ids: &Bound<'_, PyAny>,
+        steps: &Bound<'_, PyAny>,
+        priorities: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
+        let (ids, steps) = (integer_vec("ids", ids)?, integer_vec("steps", steps)?);
+        let priorities = real_vec("priorities", priorities)?;
+        self.write(py, |buffer| {
+            buffer.update_priorities(&ids, &steps, &priorities)
+        })
     }
 
     #[doc = stub!("EpisodeBuffer.sample_windows")]
@@ -487,6 +524,12 @@ impl EpisodeBuffer {
     #[getter(interactions)]
     fn interactions_getter(&self) -> BTreeMap<i64, i64> {
         self.config().interactions.clone()
+    }
+
+    #[doc = stub!("EpisodeBuffer.priority_exponent")]
+    #[getter]
+    const fn priority_exponent(&self) -> Option<f64> {
+        self.config().priority_exponent
     }
 
     #[doc = stub!("EpisodeBuffer.first_action")]

@@ -6,6 +6,7 @@ use crate::buffer::config::{EpisodeConfig, GoalKind, Stacking};
 use crate::buffer::episode::Episode;
 use crate::buffer::episodes::EpisodeBuffer;
 use crate::buffer::field::Field;
+use crate::buffer::priorities::Priorities;
 use crate::item::Item;
 use crate::labels::{class_of, label_of};
 use crate::storage::files::{ALIGNMENT, MAX_DIMENSIONS, MAX_SIZE, Reader};
@@ -16,7 +17,9 @@ use vhs_base::rng::Rng;
 const MAGIC: [u8; 8] = *b"vhsepiso";
 const VERSION: u32 = 4;
 /// Words between the version and the frame shape: in version 4, in 3, and before.
-const FIXED: [usize; 3] = [21, 20, 19];
+const FIXED: [usize; 3] = [24, 20, 19];
+/// Stands for an exponent of priorities where there are none: no number.
+const NO_EXPONENT: u64 = u64::MAX;
 /// Types of elements that versions before 3 know.
 const ITEMS_BEFORE: u64 = 6;
 /// Counters stay below this, so that whatever is added to a loaded buffer fits them.
@@ -65,6 +68,11 @@ pub(super) fn write(buffer: &EpisodeBuffer, rng: &Rng) -> Result<Vec<u8>> {
         config.first_action.cast_unsigned(),
         config.fields.len() as u64,
     ]);
+    let exponent = config.priority_exponent.map_or(NO_EXPONENT, f64::to_bits);
+    let priorities = buffer.priorities.as_ref();
+    let largest = priorities.map_or(0.0, |priorities| priorities.largest);
+    let leaves = priorities.map_or(0, Priorities::leaves);
+    put(&[exponent, largest.to_bits(), leaves as u64]);
     let shapes = config.frame_shape.iter().chain(shape);
     push_words(&mut head, shapes.map(|&size| size as u64));
     let pairs = config.interactions.iter();
@@ -105,6 +113,10 @@ pub(super) struct Header {
     pub(super) episodes: usize,
     /// S.
     pub(super) steps: usize,
+    /// The largest odds that a step ever had, where there are priorities.
+    pub(super) largest: f64,
+    /// Leaves of the tree of priorities.
+    pub(super) leaves: usize,
 }
 
 impl Header {
@@ -129,6 +141,8 @@ impl Header {
         };
         let count = rest.get(19).copied().unwrap_or_default();
         config.fields = fields::read(reader, count)?;
+        let exponent = rest.get(20).filter(|&&word| word != NO_EXPONENT);
+        config.priority_exponent = exponent.copied().map(f64::from_bits);
         config.check().map_err(|error| lie(reader, &error))?;
         let state = [rest[10], rest[11], rest[12], rest[13]];
         let zero = || reader.damaged("generator state", "one that is not zero", "0");
@@ -140,6 +154,8 @@ impl Header {
             finished_steps: rest[15],
             episodes: reader.number("episodes", rest[16], 0, MAX_SIZE)?,
             steps: reader.number("steps", rest[17], 0, MAX_SIZE)?,
+            largest: rest.get(21).copied().map_or(0.0, f64::from_bits),
+            leaves: reader.number("leaves", rest.get(22).copied().unwrap_or(0), 0, MAX_SIZE)?,
         };
         header.check(reader)?;
         Ok(header)
@@ -182,11 +198,11 @@ impl Header {
         let fields: usize = config.fields.iter().map(fields::words).sum();
         let shapes = config.frame_shape.len() + goal;
         let words = 2 + fixed_words(self.version) + shapes + 2 * pairs + fields + 1;
-        let step = 8 + if config.action_dim == 0 {
-            8
-        } else {
-            4 * config.action_dim
+        let action = match config.action_dim {
+            0 => 8,
+            dim => 4 * dim,
         };
+        let step = 8 + action + config.priority_exponent.map_or(0, |_| 8);
         let episodes = self.episodes.checked_mul(32)?;
         let steps = self.steps.checked_mul(step)?;
         (8 * words).checked_add(episodes)?.checked_add(steps)

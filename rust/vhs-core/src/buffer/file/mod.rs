@@ -8,7 +8,7 @@
 //! |---|---|
 //! | 8 | `vhsepiso` |
 //! | 4, 4 | version; dimensions of a frame, D |
-//! | 21 x 8 | see `header` |
+//! | 24 x 8 | see `header` |
 //! | D x 8, G x 8 | frame shape; shape of a goal vector |
 //! | I x (8, 8) | actions, each with the interaction that it does |
 //! | | fields, see `header/fields` |
@@ -16,6 +16,7 @@
 //! | S x 8 | numbered actions, or nothing |
 //! | S x A x 4 | continuous actions of A numbers, or nothing |
 //! | S x 4, S x 4 | rewards; values |
+//! | S x 8 | odds of steps to be drawn, where they have priorities |
 //! | 8 | checksum of all bytes above |
 //! | | zeros up to a multiple of 4096 |
 //! | E x, (S + E) x | goals told; goal vectors reached; each where the buffer has them |
@@ -163,6 +164,13 @@ impl Saving {
             let numbers = episodes().flat_map(numbers);
             numbers.for_each(|number| head.extend(number.to_le_bytes()));
         }
+        if let Some(priorities) = &buffer.priorities {
+            let numbers = buffer.first_number()..buffer.finished_steps;
+            push_words(
+                &mut head,
+                numbers.map(|number| priorities.odds(number).to_bits()),
+            );
+        }
         Ok(Self {
             head,
             told: episodes()
@@ -254,6 +262,7 @@ fn read_steps(reader: &mut Reader<'_>, loading: &Loading) -> Result<(EpisodeBuff
         config.backing = backing.clone();
     }
     let episodes = read_episodes(reader, &header)?;
+    let odds = read_odds(reader, &header)?;
     reader.expect_checksum("checksum of the header")?;
     reader.padding(header.bytes().unwrap_or(MAX_SIZE).next_multiple_of(4096))?;
     let mut buffer = EpisodeBuffer::new(config)?;
@@ -266,6 +275,10 @@ fn read_steps(reader: &mut Reader<'_>, loading: &Loading) -> Result<(EpisodeBuff
         buffer.steps_before.push_back(buffer.finished_steps);
         buffer.finished_steps += episode.len() as u64;
         buffer.finished.push_back(episode);
+    }
+    let first = buffer.first_number();
+    if let Some(priorities) = &mut buffer.priorities {
+        priorities.restore(header.largest, header.leaves, first, &odds)?;
     }
     if let Some(bytes) = header.config.vector_bytes() {
         reader.records(&mut buffer.achieved, bytes, header.rows())?;
@@ -333,6 +346,26 @@ fn read_arrays(
         episode.values = reals(reader, episode.frames.len() - 1)?;
     }
     Ok(())
+}
+
+/// The odds of each step, where steps have priorities.
+fn read_odds(reader: &mut Reader<'_>, header: &Header) -> Result<Vec<f64>> {
+    if header.config.priority_exponent.is_none() {
+        return Ok(Vec::new());
+    }
+    if header.leaves < header.steps || (header.leaves > 0 && !header.leaves.is_power_of_two()) {
+        let expected = format!("a power of two of at least {}", header.steps);
+        return Err(reader.damaged("leaves", &expected, &header.leaves.to_string()));
+    }
+    let words = reader.words(header.steps)?;
+    let odds: Vec<f64> = words.into_iter().map(f64::from_bits).collect();
+    let largest = header.largest;
+    let can_be = |odds: &f64| *odds > 0.0 && *odds <= largest && largest.is_finite();
+    if let Some(wrong) = odds.iter().chain([&largest]).find(|&odds| !can_be(odds)) {
+        let expected = format!("numbers above 0, at most {largest}");
+        return Err(reader.damaged("priorities", &expected, &wrong.to_string()));
+    }
+    Ok(odds)
 }
 
 fn reals(reader: &mut Reader<'_>, count: usize) -> Result<Vec<f32>> {

@@ -18,11 +18,11 @@ const NEXT_ID: usize = 136;
 const FINISHED_STEPS: usize = 144;
 const NUM_EPISODES: usize = 152;
 const NUM_STEPS: usize = 160;
-const SHAPE: usize = 184;
+const SHAPE: usize = 208;
 /// The one action that does an interaction, and which.
-const INTERACTIONS: usize = 200;
+const INTERACTIONS: usize = 224;
 /// Goal, interaction, end and steps of each.
-const EPISODES: usize = 216;
+const EPISODES: usize = 240;
 const ACTIONS: usize = EPISODES + 2 * 32;
 const REWARDS: usize = ACTIONS + 3 * 8;
 const HEADER_END: usize = REWARDS + 2 * 3 * 4;
