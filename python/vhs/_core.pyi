@@ -674,8 +674,8 @@ class EpisodeBuffer:
             out: Arrays to write into, by the name of the batch's attribute: "observations",
                 "next_observations", "goals", "achieved_goals", "previous_achieved_goals", or some of them.
             n_step: Steps that a reward is summed over: fewer where the episode ends before or, under the goal
-                of the row, the task. `next_observations` come after the last of them. Above 1 it needs `gamma`,
-                and no function as `reward`.
+                of the row, the task. `next_observations` come after the last of them. Above 1 it needs a
+                `gamma`, and no function as `reward`.
             gamma: Discount of a step, in 0..=1, for the sums and `discounts`.
             beta: None: all steps are equally likely. A number in 0..=1: in proportion to their priorities,
                 with `weights` that undo so much of it (Schaul et al. 2016).
