@@ -23,12 +23,13 @@ from vhs.acting.setup import (
     to_act_here,
 )
 from vhs.config import Config, EnvSection, resolve_config
-from vhs.config.load import read_task
+from vhs.config.load import MOST_BYTES, read_task
 from vhs.distribution import find_agent
 from vhs.errors import ConfigError
 from vhs.learning.goals import ClassGoals
 from vhs.learning.told import make_goals
 from vhs.models import ExtractorFactory, GoalAgent, make_agent
+from vhs.reading import read_bounded
 from vhs.runs.agent_file import check_limits, read_agent
 from vhs.runs.checkpoint import fitting, load_checkpoint
 from vhs.runs.directory import AGENT_NAME, CONFIG_NAME, check_settings, is_exported, read_config
@@ -164,6 +165,7 @@ def _load_exported(
             "load_agent(path, extractor=...) says which code it may run"
         )
     file = read_agent(path / AGENT_NAME)
+    file.check_beside(read_bounded(path / CONFIG_NAME, MOST_BYTES))
     task = task or task_of(config)
     file.check(config, task.spec(), extractor)
     policy = make_policy(config, task, extractor)

@@ -36,6 +36,8 @@ _AGENT = "agent."
 _PROTOTYPES = "prototypes."
 _RNG = _PROTOTYPES + "rng"
 _DIGEST = "sha256"
+CONFIG_DIGEST = "config_sha256"
+"""Of the metadata: the digest of the configuration beside the file; vhs up to 0.1.0 wrote none."""
 _MOST_BYTES = 2**30
 _MOST_HEADER_BYTES = 10_000_000
 _LIMITS = {
@@ -90,6 +92,17 @@ class AgentFile:
             ) from error
         found = {name: tensor for name, tensor in self.tensors.items() if name.startswith(_AGENT)}
         _check(self.path, found, {_AGENT + name: tensor for name, tensor in networks.items()})
+
+    def check_beside(self, config: bytes) -> None:
+        """Check that the file of the configuration is the one that was exported with the agent.
+
+        Raises:
+            CheckpointError: it has changed since.
+        """
+        if self.about.get(CONFIG_DIGEST, found := hashlib.sha256(config).hexdigest()) != found:
+            raise CheckpointError(
+                f"{self.path}: the configuration beside it is another file than the one that was exported"
+            )
 
     def load(self, agent: GoalAgent, goals: Goals) -> None:
         """Put the content into networks and goals.

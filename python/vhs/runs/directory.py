@@ -25,6 +25,7 @@ from vhs.runs.checkpoint import has_checkpoint, newest_checkpoint, remove_partia
 from vhs.runs.files import is_partial, remove_partial, write_files, writing
 from vhs.runs.lock import hold
 from vhs.runs.rows import LOG_NAME
+from vhs.runs.seal import sealed, unsealed
 
 CONFIG_NAME = "config.yaml"
 META_NAME = "run.json"
@@ -107,7 +108,7 @@ def open_run(config: Config, run: Path, *, precision: str, episodes: int) -> Ite
         files = {CONFIG_NAME: dump_config(config)}
         if episodes < config.train.episodes:  # a start that trains nothing makes nothing
             meta = _meta(run, describe() | {"precision": precision}, episodes)
-            files[META_NAME] = json.dumps(meta, indent=2) + "\n"
+            files[META_NAME] = json.dumps(sealed(meta), indent=2) + "\n"
         write_files(run, files)
         yield
 
@@ -197,9 +198,13 @@ def read_meta(run: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise CheckpointError(f"{path}: expected JSON, found {error}") from error
     if isinstance(meta, dict):
-        starts = meta.get("resumed", [])
+        try:
+            whole = unsealed(meta)
+        except ValueError as error:
+            raise CheckpointError(f"{path}: expected {error}") from error
+        starts = whole.get("resumed", [])
         if isinstance(starts, list) and all(isinstance(start, dict) for start in starts):
-            return meta
+            return whole
     raise CheckpointError(f"{path}: expected a JSON object, with a list of objects as `resumed` if any")
 
 

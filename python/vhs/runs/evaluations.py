@@ -11,6 +11,7 @@ from vhs.errors import CheckpointError
 from vhs.reading import read_bounded
 from vhs.runs.files import write_files
 from vhs.runs.lock import hold
+from vhs.runs.seal import sealed, unsealed
 
 EVALUATIONS_NAME = "eval.json"
 
@@ -38,7 +39,9 @@ def record_evaluation(run: Path, evaluation: Mapping[str, Any]) -> None:
     with hold(run, f"{run}: another process records an evaluation", patience_s=_PATIENCE_S):
         others = [entry for entry in read_evaluations(run) if _identity(entry) != _identity(evaluation)]
         entries = sorted([*others, dict(evaluation)], key=_identity)
-        write_files(run, {EVALUATIONS_NAME: json.dumps(entries, indent=2) + "\n"})
+        write_files(
+            run, {EVALUATIONS_NAME: json.dumps([sealed(entry) for entry in entries], indent=2) + "\n"}
+        )
 
 
 def read_evaluations(run: Path) -> list[dict[str, Any]]:
@@ -63,7 +66,10 @@ def read_evaluations(run: Path) -> list[dict[str, Any]]:
             f"{path}: expected a list of evaluations with {', '.join([*_IDENTITY, *_RATES, _OPTIONAL])}; "
             "delete it and evaluate again"
         )
-    return entries
+    try:
+        return [unsealed(entry) for entry in entries]
+    except ValueError as error:
+        raise CheckpointError(f"{path}: expected {error}; delete it and evaluate again") from error
 
 
 def _identity(evaluation: Mapping[str, Any]) -> tuple[Any, ...]:

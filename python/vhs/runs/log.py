@@ -17,6 +17,7 @@ from torch.utils.tensorboard import SummaryWriter
 from vhs.errors import CheckpointError
 from vhs.runs.files import write_files, writing
 from vhs.runs.rows import LOG_NAME, read_log
+from vhs.runs.seal import sealed
 
 
 class Logger(Protocol):
@@ -56,14 +57,14 @@ class JsonLog:
                 f"{self._path}: expected rows up to episode {kept}, as the checkpoint has them, found them "
                 f"up to {found}: bring them back, or move the file away to go on with a log that begins here"
             )
-        write_files(run, {LOG_NAME: "".join(json.dumps(row) + "\n" for row in rows)})
+        write_files(run, {LOG_NAME: "".join(json.dumps(sealed(row)) + "\n" for row in rows)})
         with writing(self._path):
             self._file = self._path.open("a", encoding="utf-8")
 
     def write(self, row: Mapping[str, Any]) -> None:
         """Append a row, at once."""
         with writing(self._path):
-            self._file.write(json.dumps(row) + "\n")
+            self._file.write(json.dumps(sealed(row)) + "\n")
             self._file.flush()
 
     def sync(self) -> None:

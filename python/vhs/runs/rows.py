@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 
 from vhs.errors import CheckpointError
 from vhs.reading import read_bounded
+from vhs.runs.seal import unsealed
 
 LOG_NAME = "log.jsonl"
 _MOST_BYTES = 2**30
@@ -62,6 +63,7 @@ def _parse(line: bytes, before: int) -> Row:
         row = None
     if not isinstance(row, dict) or type(row.get("episodes")) is not int:
         raise ValueError(f"a JSON object with `episodes`, found {line[:40].decode(errors='replace')!r}")
+    row = unsealed(row)
     if row["episodes"] <= before:
         raise ValueError(f"more than {before} episodes, found {row['episodes']}")
     if not all(value is None or isinstance(value, int | float) for value in row.values()):

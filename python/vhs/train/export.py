@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -13,9 +14,10 @@ from vhs.acting.policy import Policy, load_agent
 from vhs.acting.setup import to_act_here
 from vhs.config import Config, dump_config
 from vhs.errors import CheckpointError
-from vhs.runs.agent_file import encode_agent
+from vhs.runs.agent_file import CONFIG_DIGEST, encode_agent
 from vhs.runs.directory import AGENT_NAME, CONFIG_NAME, META_NAME, describe, is_exported, read_meta
 from vhs.runs.files import is_partial, write_files
+from vhs.runs.seal import sealed
 from vhs.task import Task
 
 
@@ -42,13 +44,15 @@ def export_agent(run: Path, directory: Path, task: Task | None = None) -> Policy
         trained.goals.refresh(label)  # exact prototypes: the images behind them stay here
     about = {name: str(meta.get(name) or "") for name in ("command", "version", "commit")}
     about["trained_episodes"] = str(trained.trained_episodes)
+    config = dump_config(_on_any_machine(trained.config))
+    about[CONFIG_DIGEST] = hashlib.sha256(config.encode()).hexdigest()
     exported = {name: describe()[name] for name in ("version", "commit", "time")}
     story = {**meta, "trained_episodes": trained.trained_episodes, "exported": exported}
     files: dict[str, str | bytes] = {
         AGENT_NAME: encode_agent(trained.agent, trained.goals, about),
-        META_NAME: json.dumps(story, indent=2) + "\n",
+        META_NAME: json.dumps(sealed(story), indent=2) + "\n",
         # Last: a directory without a configuration is neither a run nor an agent.
-        CONFIG_NAME: dump_config(_on_any_machine(trained.config)),
+        CONFIG_NAME: config,
     }
     write_files(directory, files)
     return trained
