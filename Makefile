@@ -6,7 +6,7 @@ RUST := $(shell find rust -name '*.rs' -not -path '*/target/*') $(shell find rus
 CONFIG ?= configs/task2.yaml
 ARGS ?=
 
-.PHONY: help train test quick lint format docs bench wheel cases loom tsan fuzz ci clean
+.PHONY: help train test quick lint format docs bench wheel cases soak loom tsan fuzz ci clean
 .DEFAULT_GOAL := help
 
 help:  ## show this list
@@ -52,6 +52,10 @@ wheel: $(VENV)/.dev  ## build the sdist, from it the wheel, and use that where t
 CASES ?= ../shared/cases
 cases: $(VENV)/.dev $(VENV)/.built  ## run small programs that show faults, a line each (CASES=DIRECTORY)
 	$(BIN)/python tests/run_cases.py $(CASES)
+
+MINUTES ?= 30
+soak: $(VENV)/.dev $(VENV)/.built  ## kill, stop and fill the disk of trainings, savers and pools, and count what is lost (MINUTES=30)
+	$(BIN)/python tests/soak.py $(MINUTES)
 
 loom:  ## explore every interleaving of the scheduler's lock-free parts
 	RUSTFLAGS="--cfg loom" CARGO_TARGET_DIR=target/loom cargo test -p vhs-rollout --release --test loom
