@@ -434,6 +434,7 @@ def learner(seed: int) -> None:
 
 def main() -> None:
     """Attack in turn until the time is over."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background has it ignored
     minutes, seed = (float(sys.argv[1]) if len(sys.argv) > 1 else 30.0), int((*sys.argv, 0, 0)[2])
     with tempfile.TemporaryDirectory(prefix="vhs-soak-") as directory:
         soak = Soak(Path(directory), seed)

@@ -157,6 +157,7 @@ def test_readers_and_writers_go_on_beside_a_save(tmp_path: Path) -> None:
 INTERRUPTED = """
 import os, signal, sys, threading, time
 import numpy as np, vhs
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background has it ignored
 path = sys.argv[1]
 frame = np.zeros((1024, 1024), np.uint8)
 buffer = vhs.EpisodeBuffer((1024, 1024), num_streams=1, max_episode_steps=50, capacity_steps=400)
