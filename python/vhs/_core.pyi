@@ -1212,6 +1212,10 @@ class Hindsight:
         The instructed one where the episode is not selected or its last action is a move.
         """
 
+    @property
+    def lengths(self) -> NDArray[np.int64]:
+        """Steps of each episode to the observation of `goal_rows`, int64 [B]."""
+
 @final
 class Rng:
     """A seeded generator (xoshiro256++) that samplers draw from; the same output in every version of vhs."""
@@ -1238,6 +1242,7 @@ def relabel(
     strategy: Literal["final"] = "final",
     on: Sequence[int | str] | None = None,
     probability: float = 0.8,
+    ends: ArrayLike | None = None,
 ) -> Hindsight:
     """Take what failed episodes reached as what they were told to reach (paper, section 4.2).
 
@@ -1250,9 +1255,12 @@ def relabel(
         strategy: "final": the goal is the last thing the episode saw.
         on: Outcomes whose episodes are eligible; None: ("failure",).
         probability: Of relabelling an eligible episode, in 0..=1.
+        ends: Steps of each episode until it last reached something, int64 [B], in 0..=length. It is
+            relabelled as if it had ended there, and not at all with 0. None: each ends where it ended.
 
     Raises:
-        ArgumentError: For an unknown strategy or outcome, or a probability out of range.
+        ArgumentError: For an unknown strategy or outcome, or a probability or an end out of range.
+        ShapeError: When `ends` has another length than the batch.
         DtypeError: When `on` is a single word, or `rng` neither a generator nor a seed.
     """
 

@@ -123,3 +123,56 @@ def test_outcomes_have_the_same_names_on_both_sides(name: str) -> None:
     buffer = make_buffer()
     add_episode(buffer, FrameSource(), outcome=name)
     assert buffer.gather([0]).outcomes.tolist() == [vhs.Outcome.from_name(name)]
+
+
+@given(
+    st.lists(st.tuples(st.integers(1, 4), st.integers(0, 2), st.integers(0, 5)), min_size=1, max_size=12),
+    st.data(),
+)
+def test_episodes_are_cut_where_they_last_reached_something(
+    said: list[tuple[int, int, int]], data: st.DataObject
+) -> None:
+    buffer, frames = make_buffer(), FrameSource()
+    seen: list[list[bytes]] = []
+    for length, interaction, action in said:
+        buffer.begin(0, frames.next(), 0, interaction)
+        observations = [buffer.observe([0])[0].tobytes()]
+        for step in range(length):
+            buffer.append(0, (action + step) % 6, 0.0, 0.0, frames.next())
+            observations.append(buffer.observe([0])[0].tobytes())
+        buffer.finish(0, "timeout")
+        seen.append(observations)
+    batch = buffer.gather(buffer.ids)
+    ends = [data.draw(st.integers(0, length)) for length in batch.lengths.tolist()]
+    hindsight = vhs.relabel(batch, rng=0, on=("timeout",), probability=1.0, ends=ends)
+    for place, (id, end) in enumerate(zip(batch.ids.tolist(), ends, strict=True)):
+        _, interaction, action = said[id]
+        assert hindsight.selected[place] == (end > 0)
+        assert hindsight.lengths[place] == end
+        assert batch.observations[hindsight.goal_rows[place]].tobytes() == seen[id][end]
+        done = INTERACTIONS.get((action + end - 1) % 6) if end else None
+        assert hindsight.interactions[place] == (interaction if done is None else done)
+    whole = vhs.relabel(batch, rng=0, on=("timeout",), probability=1.0, ends=batch.lengths)
+    without = vhs.relabel(batch, rng=0, on=("timeout",), probability=1.0)
+    for name in ("selected", "goal_rows", "interactions", "lengths"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(without, name))
+
+
+@pytest.mark.parametrize(
+    ("ends", "error", "words"),
+    [
+        ([1], vhs.ShapeError, "ends"),
+        ([1, 4], vhs.ArgumentError, r"`ends`: expected steps of an episode, in 0\.\.=3, got 4"),
+        ([-1, 1], vhs.ArgumentError, r"`ends`: .* got -1"),
+        ([0.5, 1.0], vhs.DtypeError, "ends"),
+    ],
+)
+def test_ends_lie_in_their_episodes(ends: list[float], error: type[Exception], words: str) -> None:
+    buffer, frames = make_buffer(), FrameSource()
+    for _ in range(2):
+        add_episode(buffer, frames, length=3)
+    rng = vhs.Rng(0)
+    before = rng.state
+    with pytest.raises(error, match=words):
+        vhs.relabel(buffer.gather(buffer.ids), rng=rng, ends=ends)
+    np.testing.assert_array_equal(rng.state, before)

@@ -1,12 +1,18 @@
 //! `vhs.EpisodeBatch` and `vhs.Hindsight`: the arrays of a gathered batch, and of its new goals.
 
-use numpy::PyArrayDyn;
+use std::collections::BTreeMap;
+
+use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use vhs_base::check::check_shape;
+use vhs_base::error::Error;
 use vhs_core::batch::BatchIndex;
+use vhs_core::episodes::EpisodeConfig;
 use vhs_core::relabel::{self as core, EpisodeEnd};
 
-use crate::arrays::into_array;
+use crate::arrays::{checked, integer_vec, into_array};
+use crate::error::to_py;
 use crate::transitions::actions;
 
 #[doc = stub!("Hindsight")]
@@ -18,6 +24,8 @@ pub(crate) struct Hindsight {
     goal_rows: Py<PyArrayDyn<i64>>,
     #[doc = stub!("Hindsight.interactions")]
     interactions: Py<PyArrayDyn<i64>>,
+    #[doc = stub!("Hindsight.lengths")]
+    lengths: Py<PyArrayDyn<i64>>,
 }
 
 impl Hindsight {
@@ -27,6 +35,7 @@ impl Hindsight {
             selected: into_array(py, hindsight.selected, &shape)?.unbind(),
             goal_rows: into_array(py, hindsight.goal_rows, &shape)?.unbind(),
             interactions: into_array(py, hindsight.interactions, &shape)?.unbind(),
+            lengths: into_array(py, hindsight.lengths, &shape)?.unbind(),
         })
     }
 }
@@ -85,6 +94,8 @@ pub(crate) struct EpisodeBatch {
     /// What relabelling reads: our own copy, so that writing to the arrays cannot lead it out of
     /// bounds.
     pub(crate) ends: Vec<EpisodeEnd>,
+    /// Which action does which interaction.
+    doing: BTreeMap<i64, i64>,
 }
 
 impl EpisodeBatch {
@@ -96,7 +107,7 @@ impl EpisodeBatch {
         fields: Py<PyDict>,
         index: BatchIndex,
         hindsight: Option<core::Hindsight>,
-        action_dim: usize,
+        config: &EpisodeConfig,
     ) -> PyResult<Self> {
         let (episodes, steps) = ([index.ids.len()], [index.ids.len(), index.longest]);
         let hindsight = hindsight
@@ -113,7 +124,7 @@ impl EpisodeBatch {
             ids: into_array(py, index.ids, &episodes)?.unbind(),
             offsets: into_array(py, index.offsets, &episodes)?.unbind(),
             lengths: into_array(py, index.lengths, &episodes)?.unbind(),
-            actions: actions(py, index.actions, index.vectors, &steps, action_dim)?,
+            actions: actions(py, index.actions, index.vectors, &steps, config.action_dim)?,
             rewards: into_array(py, index.rewards, &steps)?.unbind(),
             values: into_array(py, index.values, &steps)?.unbind(),
             mask: into_array(py, index.mask, &steps)?.unbind(),
@@ -122,7 +133,45 @@ impl EpisodeBatch {
             outcomes: into_array(py, index.outcomes, &episodes)?.unbind(),
             hindsight,
             ends: index.ends,
+            doing: config.interactions.clone(),
         })
+    }
+
+    /// The ends of the episodes, each cut after the number of steps that `argument` says.
+    pub(crate) fn ends_at(&self, argument: &Bound<'_, PyAny>) -> PyResult<Vec<EpisodeEnd>> {
+        let steps = integer_vec("ends", argument)?;
+        checked(check_shape("ends", &[self.ends.len()], &[steps.len()]))?;
+        for (end, &steps) in self.ends.iter().zip(&steps) {
+            if !(0..=end.steps).contains(&steps) {
+                return Err(to_py(Error::Argument {
+                    field: "ends",
+                    expected: format!("steps of an episode, in 0..={}", end.steps),
+                    got: steps.to_string(),
+                }));
+            }
+        }
+        let cut = |(at, (end, steps)): (usize, (&EpisodeEnd, i64))| {
+            let done = if steps == end.steps {
+                end.done
+            } else {
+                self.done(argument.py(), at, steps)
+            };
+            end.cut(steps, done)
+        };
+        Ok(self.ends.iter().zip(steps).enumerate().map(cut).collect())
+    }
+
+    /// The interaction done by the last of some steps of an episode; None where it is a move.
+    fn done(&self, py: Python<'_>, episode: usize, steps: i64) -> Option<i64> {
+        let actions = self.actions.bind(py).cast::<PyArrayDyn<i64>>().ok()?;
+        let step = usize::try_from(steps - 1).ok()?;
+        let action = actions
+            .try_readonly()
+            .ok()?
+            .as_array()
+            .get([episode, step])
+            .copied()?;
+        self.doing.get(&action).copied()
     }
 }
 

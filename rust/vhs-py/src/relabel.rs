@@ -15,7 +15,7 @@ use crate::rng::Rng;
 #[doc = stub!("relabel")]
 // Chooses the episodes of a batch that are relabelled, and their new goals.
 #[pyfunction]
-#[pyo3(signature = (batch, *, rng, strategy="final", on=None, probability=0.8))]
+#[pyo3(signature = (batch, *, rng, strategy="final", on=None, probability=0.8, ends=None))]
 pub(crate) fn relabel(
     py: Python<'_>,
     batch: &EpisodeBatch,
@@ -23,13 +23,15 @@ pub(crate) fn relabel(
     strategy: &str,
     on: Option<&Bound<'_, PyAny>>,
     probability: f64,
+    ends: Option<&Bound<'_, PyAny>>,
 ) -> PyResult<Hindsight> {
     let rule = rule(strategy, on, probability)?;
+    let ends = ends.map_or_else(|| Ok(batch.ends.clone()), |ends| batch.ends_at(ends))?;
     let Ok(shared) = rng.cast::<Rng>() else {
-        return Hindsight::from_core(py, rule.relabel(&batch.ends, &mut CoreRng::new(seed(rng)?)));
+        return Hindsight::from_core(py, rule.relabel(&ends, &mut CoreRng::new(seed(rng)?)));
     };
     let shared = &shared.get().inner;
-    let hindsight = shared.detached(py, |rng| rule.relabel(&batch.ends, rng));
+    let hindsight = shared.detached(py, |rng| rule.relabel(&ends, rng));
     Hindsight::from_core(py, hindsight)
 }
 

@@ -132,6 +132,7 @@ impl BatchIndex {
             // A continuous action does none.
             done: config.interaction_of(episode.actions().last()),
             final_row: label_of(row + length),
+            steps: label_of(length),
         });
         self.rows += match layout {
             Layout::Packed => length + 1,

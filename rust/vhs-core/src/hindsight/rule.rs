@@ -3,8 +3,9 @@
 //! The one place with the rule (paper, section 4.2; Andrychowicz et al. 2017, strategy "final"): an
 //! episode whose outcome is eligible is relabelled with the given probability. Its goal becomes its
 //! own final observation `o_T`, its interaction the one its last action did. Timeouts are not
-//! relabelled by default: they end anywhere, not at an object. Only row numbers are computed here;
-//! no image is copied.
+//! relabelled by default: they end anywhere, not at an object. Where it is known that an episode reached
+//! something on its way, it can be cut there ([`EpisodeEnd::cut`]). Only row numbers are computed here; no image
+//! is copied.
 
 use crate::outcome::{Outcome, OutcomeSet};
 use vhs_base::check::check_fraction;
@@ -22,6 +23,21 @@ pub struct EpisodeEnd {
     pub done: Option<i64>,
     /// Row of the final observation `o_T` in the batch.
     pub final_row: i64,
+    /// Steps to that observation: T. With 0 the episode reached nothing, and is not relabelled.
+    pub steps: i64,
+}
+
+impl EpisodeEnd {
+    /// The same episode as if it had ended after `steps` of its own, with an action that did `done`.
+    #[must_use]
+    pub const fn cut(self, steps: i64, done: Option<i64>) -> Self {
+        Self {
+            done,
+            final_row: self.final_row - self.steps + steps,
+            steps,
+            ..self
+        }
+    }
 }
 
 /// Which episodes are relabelled.
@@ -31,7 +47,7 @@ pub struct EpisodeEnd {
 /// use vhs_core::relabel::{EpisodeEnd, Rule};
 /// use vhs_core::rng::Rng;
 /// let rule = Rule::new([Outcome::Failure].into_iter().collect(), 1.0)?;
-/// let end = |outcome, done, final_row| EpisodeEnd { outcome, interaction: 0, done, final_row };
+/// let end = |outcome, done, final_row| EpisodeEnd { outcome, interaction: 0, done, final_row, steps: 8 };
 /// let episodes = [end(Outcome::Failure, Some(2), 8), end(Outcome::Timeout, None, 20)];
 /// let hindsight = rule.relabel(&episodes, &mut Rng::new(0));
 /// assert_eq!(hindsight.selected, [true, false]);
@@ -57,6 +73,8 @@ pub struct Hindsight {
     /// The interaction of each episode's last action where selected and the action is one, else the
     /// instructed one.
     pub interactions: Vec<i64>,
+    /// Steps of each episode to the row of `goal_rows`.
+    pub lengths: Vec<i64>,
 }
 
 impl Rule {
@@ -75,9 +93,11 @@ impl Rule {
     pub fn relabel(&self, episodes: &[EpisodeEnd], rng: &mut Rng) -> Hindsight {
         let mut hindsight = Hindsight::default();
         for episode in episodes {
-            let selected = rng.chance(self.probability) && self.on.contains(episode.outcome);
+            let is_eligible = episode.steps > 0 && self.on.contains(episode.outcome);
+            let selected = rng.chance(self.probability) && is_eligible;
             hindsight.selected.push(selected);
             hindsight.goal_rows.push(episode.final_row);
+            hindsight.lengths.push(episode.steps);
             hindsight.interactions.push(
                 episode
                     .done

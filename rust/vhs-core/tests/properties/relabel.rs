@@ -78,6 +78,7 @@ fn ends(outcomes: &[usize]) -> Vec<EpisodeEnd> {
         interaction: 0,
         done: None,
         final_row: 0,
+        steps: 1,
     };
     outcomes.iter().map(end).collect()
 }

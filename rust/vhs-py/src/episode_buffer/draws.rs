@@ -142,7 +142,7 @@ impl EpisodeBuffer {
         let large = [Some(observations), desired, achieved];
         let steps = [count, batch.index.longest];
         let fields = field::arrays(py, config, batch.fields, &leading, Some(&steps))?;
-        EpisodeBatch::from_core(py, large, fields, batch.index, hindsight, config.action_dim)
+        EpisodeBatch::from_core(py, large, fields, batch.index, hindsight, config)
     }
 
     pub(crate) fn transitions(
