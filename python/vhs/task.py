@@ -171,6 +171,8 @@ class TaskSpec:
     moves: Mapping[int, tuple[float, float, float]] | None = None
     """Action -> what it does to the pose: metres forward, metres to the left, radians to the left; the other
     actions leave it as it is. None where nobody said."""
+    is_touched_told: bool = False
+    """Whether the task says at which steps something was reached."""
 
     @property
     def can_localise(self) -> bool:
@@ -221,6 +223,10 @@ class Task:
     off what would have gone on, and the critic says what would have come (`truncated` of gymnasium)."""
     moves: Mapping[int, Motion] | None = None
     """What each action does to the pose, where known: hindsight localisation needs it, nothing else does."""
+    touched: Callable[[Mapping[str, Any]], bool] | None = None
+    """`info` of any step -> whether it reached something that could have been the goal, right or wrong, and
+    may go on; what did not succeed is relabelled as if it had ended at the last such step. None:
+    only an end reaches anything."""
     replayable: bool = True
     """Whether a seed and actions repeat an episode bit for bit; a resumed run drops what it cannot repeat."""
 
@@ -290,6 +296,8 @@ class Task:
         self._check_moves(spec)
         if self.moves is not None:
             spec = replace(spec, moves={action: motion.pose_change for action, motion in self.moves.items()})
+        if self.touched is not None:
+            spec = replace(spec, is_touched_told=True)
         if len(spec.frame_shape) == 2:
             # What embeds frames wants channels: a grey picture has one.
             return replace(spec, frame_shape=(*spec.frame_shape, 1))

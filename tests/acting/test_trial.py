@@ -15,6 +15,7 @@ from vhs.acting.environment import TaskEnv
 from vhs.acting.setup import learn_spec
 from vhs.acting.trial import try_task, try_task_apart
 from vhs.errors import ConfigError
+from vhs.task import default_outcome
 
 
 def read(observation: dict[str, Any]) -> Seen:
@@ -50,6 +51,7 @@ class Endless(Toy):
         ({"read": late(lambda _: {"interaction": 2})}, r"`interactions`: expected a number in 0\.\.1, got 2"),
         ({"judge": lambda *_: "success"}, "`judge`: expected an Outcome, got 'success'"),
         ({"judge": lambda *last: last[3]["won"]}, "`judge`: .*KeyError: 'won'"),
+        ({"touched": lambda info: info["near"]}, "`touched`: .*KeyError: 'near'"),
         ({"reached": lambda info: info["reached"]}, "`reached`: .*KeyError: 'reached'"),
         ({"reached": lambda info: 7}, r"`reached`: expected a number in -1\.\.2, got 7"),
         ({"metrics": ("distance",)}, "`metrics`: expected distance in the last info, got outcome"),
@@ -131,3 +133,18 @@ def test_pictures_are_asked_of_whoever_draws_some() -> None:
     assert replace(rooms, make=lambda: Toy()).new_env(rendering=True).render_mode is None
     assert replace(toy_task(), kwargs={"frame": (8, 8, 3)}).new_env().frame == (8, 8, 3)
     assert np.array_equal(read(Toy().reset(seed=0)[0]).frame, Toy().reset(seed=0)[0]["image"])
+
+
+def test_the_step_is_counted_at_which_something_was_last_reached() -> None:
+    class Passing(Toy):
+        def step(self, action: Any) -> Any:
+            observation, reward, terminated, truncated, _ = super().step(0)
+            return observation, reward, terminated, truncated, {"near": action == 2}
+
+    task = replace(toy_task(), make=Passing, touched=lambda info: info["near"], judge=default_outcome)
+    env = TaskEnv(task.new_env(), task, try_task(task))
+    for actions, expected in [((0, 2, 0, 2, 0, 0), 4), ((0,) * 6, 0), ((2,) * 6, 6)]:
+        env.reset(seed=0)
+        infos = [env.step(action)[4] for action in actions]
+        assert infos[-1]["touched"] == expected
+        assert not any(infos[:-1])

@@ -156,3 +156,25 @@ def test_state_round_trip_gives_the_same_next_update() -> None:
     second.goals.store.sample(12, balanced=True)  # the one batch that the first store has drawn
     assert first.update([(batch, goals_for(batch))]) == second.update([(batch, goals_for(batch))])
     torch.testing.assert_close(first.goals.begin(0), second.goals.begin(0))
+
+
+def test_an_episode_is_imitated_as_far_as_it_reached_something() -> None:
+    settings = (
+        "method.relabel_probability=1.0",
+        "method.hindsight_discount=1.0",
+        "method.relabel_on=[failure, timeout]",
+    )
+    batch = make_batch([Outcome.TIMEOUT, Outcome.FAILURE, Outcome.TIMEOUT])
+
+    def imitated(touched: list[int] | None) -> dict[str, float]:
+        learner = small_learner(*settings)
+        given = None if touched is None else np.array(touched, dtype=np.int64)
+        return learner.update([(batch, goals_for(batch))], given)
+
+    steps = batch.lengths.sum()
+    # What failed has reached something at its end; of the timeouts one did after two steps, the other never.
+    cut = imitated([2, 0, 0])
+    assert cut["relabelled"] == pytest.approx(2 / 3)
+    expected = np.log(5) * (2 + batch.lengths[1]) / steps
+    assert cut["imitation_policy"] == pytest.approx(expected, rel=0.05)
+    assert imitated(batch.lengths.tolist()) == imitated(None)

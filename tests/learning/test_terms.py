@@ -13,7 +13,7 @@ from .parts import SUCCESS_REWARD, make_batch
 def test_hindsight_value_targets(value_target: str) -> None:
     batch = make_batch([Outcome.FAILURE])
     targets = hindsight_values(
-        batch, value_target, success_reward=SUCCESS_REWARD, reward_scale=0.1, gamma=0.5
+        batch, batch.lengths, value_target, success_reward=SUCCESS_REWARD, reward_scale=0.1, gamma=0.5
     )
     if value_target == "behaviour":
         np.testing.assert_array_equal(targets, batch.values)

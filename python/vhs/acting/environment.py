@@ -25,17 +25,19 @@ class TaskEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
     """Observations are `frame`, `goal` and `interaction`; actions are numbered from 0, or lie in -1..1.
 
     Where goals are pictures or vectors there is a `desired_goal`, and with vectors an `achieved_goal`. `info`
-    is empty until an episode ends; then it holds `outcome`, an `Outcome`, and, for evaluation alone,
-    `reached`, the goal class that was reached (-1: none), and `metrics`, numbers by name, where the task says
-    them. The reward is the task's own where it has one. An episode ends at the task's longest; it is
-    truncated where a limit cut it off that is no part of the task (`Task.limit_ends`).
+    is empty until an episode ends. Then it holds `outcome`, an `Outcome`; where the task says it, `touched`,
+    the number of steps until something was last reached (0: nothing was); and, for evaluation alone,
+    `reached`, the goal class that was reached (-1: none), and `metrics`, numbers by name.
+
+    The reward is the task's own where it has one. An episode ends at the task's longest; it is truncated
+    where a limit cut it off that is no part of the task (`Task.limit_ends`).
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], task: Task, spec: TaskSpec) -> None:
         """Wrap an environment of a task."""
         super().__init__(env)
         self._task, self._spec = task, spec
-        self._steps = 0
+        self._steps = self._touched = 0
         self._read = task.reader(env)
         self._doing = doer(env.action_space)
         entries: dict[str, spaces.Space[Any]] = {
@@ -55,13 +57,16 @@ class TaskEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
     ) -> tuple[dict[str, Any], dict[str, Any]]:
         """Begin an episode; the info is empty."""
         observation, _ = self.env.reset(seed=seed, options=options)
-        self._steps = 0
+        self._steps = self._touched = 0
         return self._told(observation), {}
 
     def step(self, action: Any) -> tuple[dict[str, Any], SupportsFloat, bool, bool, dict[str, Any]]:
         """Take a step, and judge it where it was the last."""
         observation, reward, terminated, truncated, info = self.env.step(self._doing(action))
         self._steps += 1
+        if self._task.touched is not None:
+            with asking(self._task.name, "touched"):
+                self._touched = self._steps if self._task.touched(info) else self._touched
         truncated = truncated or (self._steps >= self._spec.max_episode_steps and not terminated)
         is_over = terminated or truncated
         end = self._end(float(reward), bool(terminated), bool(truncated), info) if is_over else {}
@@ -80,6 +85,8 @@ class TaskEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
             if not isinstance(outcome, Outcome):
                 raise ArgumentError(f"expected an Outcome, got {outcome!r}")
         end: dict[str, Any] = {"outcome": outcome}
+        if task.touched is not None:
+            end["touched"] = self._touched
         if task.reached is not None:
             with asking(self._task.name, "reached"):
                 end["reached"] = _within(task.reached(info), -1, self._spec.num_goals)

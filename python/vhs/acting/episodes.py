@@ -40,6 +40,8 @@ class EndedEpisode:
     """Sum of the rewards, undiscounted and unscaled."""
     goal_embedding: Tensor | None = None
     """The embedding it was acted under, shape [feature_dim]; None where no agent acted."""
+    touched: int | None = None
+    """Steps until something was last reached, 0 where nothing was; None where the task does not say."""
     reached: int | None = None
     """Goal class that was reached, -1 for none; for evaluation only, None where the task does not say."""
     metrics: Mapping[str, float] = field(default_factory=dict)
@@ -78,6 +80,7 @@ class Running:
             steps=len(self.actions),
             episode_return=self.episode_return,
             goal_embedding=self.goal_embedding,
+            touched=info.get("touched"),
             reached=info.get("reached"),
             metrics=info.get("metrics", {}),
         )

@@ -136,7 +136,8 @@ class MethodSection(_Section):
     """Chance that an episode of `relabel_on` is relabelled (paper: eta = 0.8)."""
     relabel_on: Annotated[tuple[OutcomeName, ...] | None, _IMITATION] = None
     """Outcomes that are relabelled; null is failure, and timeout as well where goals are pictures or vectors,
-    as every end is then a goal (paper: failure; its ablation adds timeout; Ghosh et al. take all)."""
+    as every end is then a goal, and where the task says that things are reached on the way (`touched`).
+    (Paper: failure; its ablation adds timeout; Ghosh et al. take all.)"""
     hindsight_discount: Annotated[Probability, _IMITATION] = 0.7
     """Weight of an imitated action for each step between it and the end of its episode (paper: 1); below 1
     the approach to the goal counts more than the wandering before it."""

@@ -80,6 +80,8 @@ class TaskSection(_Words):
     interactions: dict[Action, Action] = Field(default_factory=dict)
     goals: tuple[str, ...] | None = None
     moves: dict[Action, MotionWords] | None = None
+    touched: Annotated[str, AfterValidator(_is_rule)] | None = None
+    """Condition over the entries of info of any step: whether it reached something, right or wrong."""
     replayable: bool = True
     limit_ends: bool = False
     actions: tuple[str, ...] = ()

@@ -31,6 +31,21 @@ class RuledOutcome:
 
 
 @dataclass(frozen=True, slots=True)
+class RuledTouch:
+    """Says by a rule whether a step reached something."""
+
+    rule: Rule
+
+    def __call__(self, info: Mapping[str, Any]) -> bool:
+        """Of the `info` of any step.
+
+        Raises:
+            ArgumentError: The rule names what is not there.
+        """
+        return bool(self.rule.holds({"info": info}, info))
+
+
+@dataclass(frozen=True, slots=True)
 class InfoEntry:
     """What an entry of `info` says was reached."""
 
@@ -66,6 +81,8 @@ def task_of_words(words: Mapping[str, Any]) -> Task:
         fields["judge"] = RuledOutcome({outcome: Rule(rule) for outcome, rule in rules.items() if rule})
     if words["reward"] is not None:
         fields["reward"] = OutcomeReward(**words["reward"])
+    if words["touched"] is not None:
+        fields["touched"] = RuledTouch(Rule(words["touched"]))
     if words["reached"] is not None:
         fields["reached"] = InfoEntry(words["reached"])
     if words["moves"] is not None:

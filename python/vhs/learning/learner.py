@@ -50,6 +50,8 @@ class _Pass(NamedTuple):
     over: Over
     rows: NDArray[np.int64]
     """Which of the batch, shape [B]."""
+    lengths: NDArray[np.int64]
+    """Steps of each that terms are over: those until it reached that goal, shape [B]."""
     inputs: tuple[Tensor, Tensor, Tensor]
     """Features [B, T, feature_dim], goals [B, feature_dim], interactions [B]."""
 
@@ -116,12 +118,16 @@ class Learner:
         """Whether goal images suffice for the terms on them, if there are any."""
         return "images" not in self._over or self.goals.is_warm
 
-    def update(self, shares: Sequence[tuple[EpisodeBatch, Tensor]]) -> dict[str, float]:
+    def update(
+        self, shares: Sequence[tuple[EpisodeBatch, Tensor]], touched: NDArray[np.int64] | None = None
+    ) -> dict[str, float]:
         """Learn from finished episodes.
 
         Args:
             shares: one for each of `train.learners`: episodes, and the goal embedding each was acted under,
                 of shape [B, feature_dim]; goal words are looked up anew, so that they learn.
+            touched: steps until each episode of all shares last reached something, int64 [sum of B]; None:
+                only their ends reach anything.
 
         Returns:
             The mean over the learners of each term, unweighted, the gradient's norm before clipping and the
@@ -130,7 +136,11 @@ class Learner:
         Raises:
             DivergenceError: a loss is not finite; the weights are as before.
         """
-        work = [Share(batch, goals, self._relabel(batch), self._images()) for batch, goals in shares]
+        ends = np.split(touched, len(shares)) if touched is not None else [None] * len(shares)
+        work = [
+            Share(batch, goals, self._relabel(batch, own), self._images())
+            for (batch, goals), own in zip(shares, ends, strict=True)
+        ]
         learned = self._replicas.map(self._learn, work)
         names = learned[0].terms
         metrics = {name: sum(one.terms[name].item() for one in learned) / len(learned) for name in names}
@@ -160,10 +170,14 @@ class Learner:
         done = min(self.updates * train.episodes_per_update / train.schedule_episodes, 1.0)
         return float(start + (end - start) * done)
 
-    def _relabel(self, batch: EpisodeBatch) -> Hindsight:
-        method = self._method
+    def _relabel(self, batch: EpisodeBatch, touched: NDArray[np.int64] | None) -> Hindsight:
+        method, ends = self._method, None
         probability = method.relabel_probability if "relabelled" in self._over else 0.0
-        return relabel(batch, on=method.relabel_on, probability=probability, rng=self.rng)
+        if touched is not None:
+            # What failed has reached something at its end, said or not.
+            has_failed = batch.outcomes == Outcome.FAILURE
+            ends = np.where(has_failed & (touched == 0), batch.lengths, touched)
+        return relabel(batch, on=method.relabel_on, probability=probability, rng=self.rng, ends=ends)
 
     def _images(self) -> GoalImages | None:
         return self.goals.batch() if "images" in self._over else None
@@ -216,13 +230,14 @@ class Learner:
                     own[:, :length],
                     seen[:, :length],
                     self._tensor(batch.actions[one.rows]),
-                    self._tensor(batch.mask[one.rows]).float(),
+                    self._tensor(np.arange(length) < one.lengths[:, None]).float(),
                     self._beyond(batch, one.rows, seen) if is_cut.any() else None,
                 )
         images = None if share.images is None else Images(image_features, share.images.labels)
         reached = self._reached(batch, features, sequences[:, :length]) if "reached" in self._over else None
         parts = (passed.get("lived"), passed.get("relabelled"), images, reached)
-        return Forward(agent, batch, *parts, self._method, self._train, self._success_reward)
+        ends = share.hindsight.lengths
+        return Forward(agent, batch, ends, *parts, self._method, self._train, self._success_reward)
 
     def _beyond(self, batch: EpisodeBatch, rows: NDArray[np.int64], values: Tensor) -> Tensor:
         """V(o_T) of episodes that a limit cut off, 0 of the others; values as far as o_T, [B, T + 1]."""
@@ -238,14 +253,16 @@ class Learner:
         if "lived" in self._over:
             everything = np.arange(len(batch.lengths))
             goals = self.goals.instructed(agent, batch, share.goals, shown)
-            passes.append(_Pass("lived", everything, (sequences, goals, self._tensor(batch.interactions))))
+            inputs = sequences, goals, self._tensor(batch.interactions)
+            passes.append(_Pass("lived", everything, batch.lengths, inputs))
         selected = np.flatnonzero(hindsight.selected)
         if len(selected):
             chosen = self._tensor(selected)
             rows = hindsight.goal_rows[selected]
             goals = self.goals.hindsight(agent, batch, rows, features[self._tensor(rows)], shown)
             done = self._tensor(hindsight.interactions)[chosen]
-            passes.append(_Pass("relabelled", selected, (sequences[chosen], goals, done)))
+            lengths = hindsight.lengths[selected]
+            passes.append(_Pass("relabelled", selected, lengths, (sequences[chosen], goals, done)))
         return passes
 
     def _reached(self, batch: EpisodeBatch, features: Tensor, sequences: Tensor) -> Reached | None:

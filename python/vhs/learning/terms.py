@@ -92,6 +92,8 @@ class Forward:
 
     agent: GoalAgent
     batch: EpisodeBatch
+    ends: NDArray[np.int64]
+    """Steps of each episode until it reached what it is relabelled to, shape [B]."""
     lived: Episodes | None
     """Every episode, under its instruction."""
     relabelled: Episodes | None
@@ -130,6 +132,7 @@ class Forward:
         relabelled = _there(self.relabelled)
         targets = hindsight_values(
             self.batch,
+            self.ends,
             self.method.value_target,
             success_reward=self.success_reward,
             reward_scale=self.train.reward_scale,
@@ -164,14 +167,21 @@ class Term(NamedTuple):
 
 
 def hindsight_values(
-    batch: EpisodeBatch, target: str, *, success_reward: float, reward_scale: float, gamma: float
+    batch: EpisodeBatch,
+    ends: NDArray[np.int64],
+    target: str,
+    *,
+    success_reward: float,
+    reward_scale: float,
+    gamma: float,
 ) -> NDArray[np.float32]:
     """The target v_i of the hindsight value.
 
     Args:
         batch: the episodes.
+        ends: steps of each until it reached what it is relabelled to, shape [B].
         target: "behaviour" for the critic's value when acting (paper), "hindsight_return" for the discounted
-            return as if each episode had succeeded.
+            return as if each episode had succeeded there.
         success_reward: of the last step of a success, unscaled.
         reward_scale: factor on rewards.
         gamma: discount a step.
@@ -182,8 +192,8 @@ def hindsight_values(
     if target == "behaviour":
         return batch.values
     rewards = batch.rewards.copy()
-    rewards[np.arange(len(rewards)), batch.lengths - 1] = success_reward
-    return discounted_returns(rewards * reward_scale, batch.lengths, gamma)
+    rewards[np.arange(len(rewards)), ends - 1] = success_reward
+    return discounted_returns(rewards * reward_scale, ends, gamma)
 
 
 def _supcon(x: Forward) -> Tensor:

@@ -226,7 +226,9 @@ class Session:
         goals = torch.stack([e.goal_embedding for e in episodes if e.goal_embedding is not None])
         learners = self._config.train.learners
         shares = zip(np.split(ids, learners), goals.chunk(learners), strict=True)
-        metrics = self._learner.update([(self._buffer.gather(own), embedded) for own, embedded in shares])
+        told = [(self._buffer.gather(own), embedded) for own, embedded in shares]
+        touched = [episode.touched for episode in episodes if episode.touched is not None]
+        metrics = self._learner.update(told, np.array(touched, dtype=np.int64) if touched else None)
         self._window.add_update(metrics)
         self._learner.goals.collect(self._buffer, ids)
         self._window.add_episodes(episodes)
