@@ -6,6 +6,8 @@ import pytest
 
 from vhs.eval import evaluate, read_evaluations
 
+pytestmark = pytest.mark.slow
+
 PRETRAINED = Path(__file__).parent.parent / "pretrained"
 TASKS = ("task1", "task2", "task3")
 MOST_BYTES = 4_000_000

@@ -23,6 +23,8 @@ from vhs.train import train
 from vhs.train.log import TrainingLog
 from vhs.train.loop import Session
 
+pytestmark = pytest.mark.slow
+
 EPISODES = 80
 CLOCKS = {"time/minutes", "speed/steps_per_s"}
 # After every update, so that saving is what a kill hits.
@@ -111,7 +113,6 @@ def kill_after(episode: int, run: Path, *overrides: str) -> None:
     assert process.wait() == -signal.SIGKILL, "the run ended before it was killed"
 
 
-@pytest.mark.slow
 def test_a_run_killed_twice_equals_the_uninterrupted_one(straight: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     kill_after(12, run, f"train.episodes={EPISODES}", "env.num_workers=1", OFTEN)
@@ -129,7 +130,6 @@ def test_the_comparison_sees_a_single_bit(straight: Path) -> None:
     assert differences(before, after) == ["/learner/agent/lstm.bias_hh_l0", "/episodes/rollout/values"]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "overrides",
     [

@@ -178,6 +178,7 @@ def large_frame(number: int) -> np.ndarray:
     return np.full(84 * 84 * 3 // 4, number, np.uint32).view(np.uint8).reshape(84, 84, 3)
 
 
+@pytest.mark.slow
 def test_four_hundred_megabytes_are_mapped_in_ten_milliseconds_and_saved_in_place(tmp_path: Path) -> None:
     path = tmp_path / "buffer"
     large_buffer(18_000).save(path)
@@ -322,6 +323,7 @@ for number in itertools.count(1):
 """
 
 
+@pytest.mark.slow
 def test_a_kill_at_any_moment_of_a_save_leaves_a_whole_file(tmp_path: Path) -> None:
     buffer_path, store_path = tmp_path / "buffer", tmp_path / "goals"
     chance = random.Random(5)

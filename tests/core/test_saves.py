@@ -90,6 +90,7 @@ def test_a_name_may_be_as_long_as_the_system_allows(kind: str, name: str, tmp_pa
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
+@pytest.mark.slow
 def test_a_buffer_is_saved_as_it_was_while_others_record_and_draw(tmp_path: Path) -> None:
     recording = record([3] * 10, capacity=30)
     recording.buffer.save(tmp_path / "before")
@@ -146,6 +147,7 @@ print(drawn)
 """
 
 
+@pytest.mark.slow
 def test_readers_and_writers_go_on_beside_a_save(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", BESIDE, str(tmp_path / "buffer")], capture_output=True, text=True, check=True
@@ -200,6 +202,7 @@ for name, call in calls.items():
 """
 
 
+@pytest.mark.slow
 def test_long_calls_hear_ctrl_c_and_change_nothing(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED, str(tmp_path / "file")],

@@ -185,6 +185,7 @@ def test_every_step_is_rewarded_as_its_outcome_says(task: RoomTask) -> None:
     assert set(seen) == set(Outcome)
 
 
+@pytest.mark.slow
 def test_random_policy_rates_are_printed_and_plausible() -> None:
     env = blind(INTERACTIVE_OBJECT_NAV)
     rng = np.random.default_rng(0)

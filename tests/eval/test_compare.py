@@ -28,6 +28,7 @@ def two_groups(root: Path) -> Comparison:
     return compare([root], reference=str(root / "weak-1"))
 
 
+@pytest.mark.slow
 def test_runs_that_differ_by_seed_alone_are_one_group(tmp_path: Path) -> None:
     strong, weak = two_groups(tmp_path).groups
     assert (str(strong.label), str(weak.label)) == ("vhs", "vhs relabel_probability=0.4")

@@ -42,6 +42,7 @@ def record(run: Path, seed: int, gate: Barrier) -> None:
     record_evaluation(run, evaluation(seed=seed))
 
 
+@pytest.mark.slow
 def test_evaluations_that_end_together_are_all_kept(tmp_path: Path) -> None:
     context = multiprocessing.get_context("fork")
     for turn in range(10):

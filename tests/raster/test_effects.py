@@ -37,6 +37,7 @@ def compare(
     return float(np.abs(pictures[0] - pictures[1]).mean()), float(np.abs(pictures[1] - before).mean())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("antialias", ["off", "multisample"])
 def test_shadows_of_spots_and_directional_lights(antialias: str) -> None:
     model = shapes_model(samples=4 if antialias == "multisample" else 0)
@@ -96,6 +97,7 @@ def mirror_model(name: str, samples: int = 0) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(xml.replace("</asset>", mirror))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("antialias", ["off", "multisample"])
 @pytest.mark.parametrize("name", MIRRORS)
 def test_the_first_plane_or_box_that_reflects_mirrors_the_scene(name: str, antialias: str) -> None:

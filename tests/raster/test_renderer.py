@@ -90,6 +90,7 @@ def test_the_same_state_gives_the_same_bytes(model: mujoco.MjModel, data: mujoco
     assert all(np.array_equal(other, expected) for other in pictures)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["colour", "depth", "segmentation"])
 @pytest.mark.parametrize("threads", [1, 3])
 def test_a_batch_equals_its_single_pictures(model: mujoco.MjModel, mode: str, threads: int) -> None:

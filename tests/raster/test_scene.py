@@ -49,6 +49,7 @@ def test_things_that_are_not_plain_geoms(name: str) -> None:
     expected.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "flag"),
     [
@@ -69,6 +70,7 @@ def test_what_an_option_hides_is_hidden(name: str, flag: int) -> None:
     assert np.abs(expected - actual).mean() <= THINGS
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flag", range(mujoco.mjtVisFlag.mjNVISFLAG))
 def test_decorations(crowd: tuple[mujoco.MjModel, mujoco.MjData], flag: int) -> None:
     option = mujoco.MjvOption()
@@ -112,6 +114,7 @@ def test_geoms_that_the_caller_adds_and_changes(crowd: tuple[mujoco.MjModel, muj
     assert np.abs(found[0] - found[1]).mean() <= THINGS
 
 
+@pytest.mark.slow
 def test_colours_sizes_and_materials_are_read_at_every_update() -> None:
     model = shapes_model()
     data = mujoco.MjData(model)

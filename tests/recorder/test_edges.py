@@ -246,6 +246,7 @@ def test_infos_are_kept_only_where_they_are_read() -> None:
         buffer.sample_transitions(4, "future", probability=1.0, reward=env.reward)
 
 
+@pytest.mark.slow
 def test_what_recorders_share_goes_with_the_buffer() -> None:
     from vhs import streams
 

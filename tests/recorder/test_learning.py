@@ -8,7 +8,7 @@ import pytest
 
 from .examples import load
 
-pytestmark = [pytest.mark.timeout(300), pytest.mark.usefixtures("_one_thread")]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300), pytest.mark.usefixtures("_one_thread")]
 
 
 @pytest.fixture
@@ -20,14 +20,12 @@ def _one_thread() -> Iterator[None]:
     torch.set_num_threads(threads)
 
 
-@pytest.mark.slow
 def test_bit_flipping_is_learned_with_hindsight_and_not_without() -> None:
     example = load("bit_flipping")
     assert example.train(8, 300, hindsight=True) >= 0.9
     assert example.train(8, 300, hindsight=False) <= 0.3
 
 
-@pytest.mark.slow
 def test_colours_are_reached_more_often_by_imitation_in_hindsight() -> None:
     example = load("self_imitation")
     # Seeds 0 to 2: 0.46 to 0.53 with it, 0.20 to 0.25 without; one tile of seven by chance.

@@ -16,7 +16,7 @@ from vhs.recorder import HindsightRecorder, Instruction, make_buffer
 
 from .test_recorder import play
 
-pytestmark = pytest.mark.filterwarnings("ignore")
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
 
 
 def make(package: str, name: str) -> gymnasium.Env[Any, Any]:

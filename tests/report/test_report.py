@@ -15,6 +15,8 @@ from vhs.runs.checkpoint import load_checkpoint, save_checkpoint
 from vhs.runs.rows import read_log
 from vhs.train import train
 
+pytestmark = pytest.mark.slow
+
 SECTIONS = (
     "curves",
     "confusion",

@@ -21,7 +21,7 @@ from vhs.rollout import Batch, RemoteTraceback, RolloutPool, WorkerError
 
 KILLS = int(os.environ.get("VHS_KILLS", "50"))
 """The suite's long mode: VHS_KILLS=1000."""
-pytestmark = pytest.mark.timeout(60 + KILLS)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(60 + KILLS)]
 
 
 class Auditor:
@@ -73,7 +73,6 @@ def act(pool: RolloutPool, batch: Batch) -> None:
     pool.send(np.zeros(len(batch), np.int64), batch.env_ids)
 
 
-@pytest.mark.slow
 def test_killed_workers_return_and_no_episode_is_lost_torn_or_doubled(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -119,7 +118,6 @@ def test_killed_workers_return_and_no_episode_is_lost_torn_or_doubled(
     assert len(auditor.running) == 6
 
 
-@pytest.mark.slow
 def test_a_death_is_noticed_within_10_ms_while_the_others_go_on() -> None:
     delays = []
     # Spawned workers are small: the kernel takes 10 ms and more to end a fork of a process that holds torch.
@@ -307,7 +305,6 @@ def _die_in_a_worker(learner: int, folder: Path) -> Ledger:
     return Ledger()
 
 
-@pytest.mark.slow
 def test_an_env_fn_that_hangs_in_its_worker_is_given_up(tmp_path: Path) -> None:
     fns = [partial(_hang_in_a_worker, tmp_path)]
     with RolloutPool(fns, 1, 1, start_limit_s=2.0) as pool:

@@ -12,6 +12,8 @@ from rollout_envs import Ledger
 from vhs import ArgumentError, DtypeError
 from vhs.rollout import RolloutPool
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize(
     ("name", "value", "message"),

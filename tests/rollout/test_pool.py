@@ -17,6 +17,8 @@ import vhs
 from vhs import ArgumentError, DtypeError, LabelError, ProtocolError, ShapeError
 from vhs.rollout import Batch, PoolClosedError, RolloutPool
 
+pytestmark = pytest.mark.slow
+
 
 def collect(pool: RolloutPool, steps: int) -> list[tuple[Any, ...]]:
     """Lock-step with actions that follow from the step alone; every byte of every batch."""
@@ -373,7 +375,6 @@ def test_a_forgotten_pool_ends_its_workers() -> None:
     assert not Path(f"/proc/{pid}").exists()
 
 
-@pytest.mark.slow
 def test_idle_workers_and_an_idle_learner_take_next_to_no_time() -> None:
     with RolloutPool(Ledger, 2, 2, seed=0) as pool:
         pool.reset()

@@ -23,7 +23,7 @@ from vhs import ArgumentError
 from vhs.rollout import PoolClosedError, RolloutPool, WorkerError
 from vhs.rollout.processes import cores_for, find_context
 
-pytestmark = pytest.mark.timeout(120)
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(120)]
 
 
 class Numbers(gym.Env):

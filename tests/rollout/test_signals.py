@@ -18,6 +18,8 @@ from vhs import ProtocolError
 from vhs.rollout import RolloutPool, RolloutVectorEnv
 from vhs.rollout.signals import undisturbed
 
+pytestmark = pytest.mark.slow
+
 
 class Alarm(BaseException):
     """What the handler raises, out of nowhere."""

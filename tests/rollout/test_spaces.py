@@ -13,6 +13,8 @@ from vhs import DtypeError, ShapeError
 from vhs.rollout import RolloutPool, RolloutVectorEnv
 from vhs.rollout.leaves import Nest, Unfit, converted
 
+pytestmark = pytest.mark.slow
+
 
 class Word(spaces.Space[str]):
     """A space of one's own."""

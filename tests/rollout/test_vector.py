@@ -14,6 +14,8 @@ from rollout_envs import Floats, Ledger, Misbehaved
 from vhs import ArgumentError
 from vhs.rollout import RolloutVectorEnv
 
+pytestmark = pytest.mark.slow
+
 
 def cart_pole() -> gym.Env[Any, Any]:
     return gym.make("CartPole-v1")

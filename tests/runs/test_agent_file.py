@@ -88,6 +88,7 @@ def by_deep_header(path: Path) -> None:
     path.write_bytes(len(header).to_bytes(8, "little") + header)
 
 
+@pytest.mark.slow
 @linux
 @pytest.mark.usefixtures("little_memory")
 @pytest.mark.parametrize("name", ["agent.safetensors", "config.yaml"])

@@ -22,9 +22,10 @@ from vhs.sweep.runner import share_cores, sweep
 ROOT = Path(__file__).parents[2]
 STAND_IN = Path(__file__).parent / "stand_in_package"
 
-pytestmark = pytest.mark.skipif(
-    not sys.platform.startswith("linux"), reason="cores are pinned on Linux alone"
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not sys.platform.startswith("linux"), reason="cores are pinned on Linux alone"),
+]
 
 FOUR_RUNS = """
 set: {train.episodes: 4}
@@ -227,7 +228,6 @@ def test_a_signal_stops_every_run_once_and_cleanly(
     assert run_sweep(tmp_path)[0] == 0
 
 
-@pytest.mark.slow
 def test_a_killed_sweep_leaves_no_run_behind_and_resumes(
     tmp_path: Path, journal: Journal, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -318,7 +318,6 @@ def test_cores_are_shared_evenly() -> None:
         share_cores([0, 1], 3)
 
 
-@pytest.mark.slow
 def test_a_real_sweep_can_be_compared(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -16,6 +16,7 @@ ONE = ["--set", "train.episodes_per_update=1"]
 """An update an episode, so that a slow machine has one in a second."""
 
 
+@pytest.mark.slow
 def test_environments_and_training_are_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

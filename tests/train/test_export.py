@@ -24,6 +24,8 @@ from vhs.runs.checkpoint import load_checkpoint, save_checkpoint
 from vhs.train import train
 from vhs.train.export import export_agent
 
+pytestmark = pytest.mark.slow
+
 DEBUG = Path(__file__).parents[2] / "configs" / "debug.yaml"
 
 

@@ -27,6 +27,8 @@ from vhs.task import Instruction
 from vhs.train import train
 from vhs.train.export import export_agent
 
+pytestmark = pytest.mark.slow
+
 SETTINGS = (
     "train.log_every=24",
     "env.num_envs=4",

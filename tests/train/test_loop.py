@@ -23,8 +23,9 @@ from vhs.runs.checkpoint import load_checkpoint
 from vhs.runs.rows import read_log
 from vhs.train import train
 
+pytestmark = pytest.mark.slow
 
-@pytest.mark.slow
+
 @pytest.mark.parametrize("task", ["task1", "task2", "task3"])
 def test_every_task_trains_and_logs(task: str, tmp_path: Path) -> None:
     told = StringIO()
@@ -45,7 +46,6 @@ def test_every_task_trains_and_logs(task: str, tmp_path: Path) -> None:
     assert meta["precision"] in ("float32", "bfloat16")
 
 
-@pytest.mark.slow
 def test_same_seed_same_weights(tmp_path: Path) -> None:
     weights = []
     for name in "ab":
@@ -55,7 +55,6 @@ def test_same_seed_same_weights(tmp_path: Path) -> None:
         assert torch.equal(value, weights[1][name]), name
 
 
-@pytest.mark.slow
 def test_a_finished_run_goes_on_when_more_episodes_are_asked_for(tmp_path: Path) -> None:
     run = tmp_path / "run"
     train(debug_config("train.episodes=40"), run, StringIO())
@@ -68,7 +67,6 @@ def test_a_finished_run_goes_on_when_more_episodes_are_asked_for(tmp_path: Path)
     assert rows[1]["updates"] == 20
 
 
-@pytest.mark.slow
 def test_what_made_a_run_is_kept_and_each_resumption_added(tmp_path: Path) -> None:
     run = tmp_path / "run"
     train(debug_config("train.episodes=4"), run, StringIO())
@@ -157,7 +155,6 @@ def test_what_cannot_run_is_refused_before_anything_is_written(
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_saves_and_the_same_command_resumes(
     kind: signal.Signals, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -189,7 +186,6 @@ def test_a_signal_saves_and_the_same_command_resumes(
     assert read_log(run)[-1]["episodes"] == stopped + 40
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="worker processes need Linux")
 def test_a_signal_is_heard_while_a_worker_hangs(tmp_path: Path) -> None:
     run = tmp_path / "run"
@@ -236,7 +232,6 @@ def run_unread(*arguments: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(command, stdout=unread, stderr=subprocess.PIPE, text=True, timeout=120)
 
 
-@pytest.mark.slow
 def test_training_and_evaluation_go_on_when_nobody_reads_their_output(tmp_path: Path) -> None:
     run = tmp_path / "run"
     settings = ["--config", str(CONFIGS / "debug.yaml"), "--set", "train.episodes=80"]

@@ -25,6 +25,8 @@ from vhs.runs.directory import check_run, read_config
 from vhs.runs.rows import read_log
 from vhs.train import train
 
+pytestmark = pytest.mark.slow
+
 GRID = Path(__file__).parents[2] / "examples" / "tasks" / "grid.py"
 FEW = ("train.episodes=24", "train.log_every=12", "env.num_envs=4", "env.num_workers=0", "method.warmup=2")
 SETTINGS = [part for setting in FEW for part in ("--set", setting)]

@@ -20,6 +20,8 @@ from vhs.show.moments import play_moments
 from vhs.show.pictures import draw
 from vhs.train import train
 
+pytestmark = pytest.mark.slow
+
 SETTINGS = (
     "train.episodes=48",
     "train.log_every=24",
