@@ -414,6 +414,7 @@ class EpisodeBuffer:
         action_dim: int = 0,
         priority_exponent: float | None = None,
         backing: str | PathLike[str] = "memory",
+        persistent: bool = False,
         seed: int = 0,
     ) -> EpisodeBuffer:
         """An empty buffer.
@@ -446,13 +447,15 @@ class EpisodeBuffer:
                 (alpha). None: steps have no priorities.
             backing: "memory", or the path of a scratch file that does not exist yet and may grow larger than
                 memory. It vanishes with the buffer, however the process ends; `save` is what keeps episodes.
+            persistent: True: `backing` is a folder, made or empty, that stays: `reopen` goes on with it, also
+                after a kill. As long as the buffer lives, nobody else may change its files.
             seed: Of the generator behind sampling, in 0..2**64.
 
         Raises:
             ArgumentError: For a number out of range, sizes whose product no memory can hold, or several
                 interactions and no word of which action does which.
             DtypeError: For a type that is not one of those above.
-            OSError: When the scratch file cannot be made.
+            OSError: When the scratch file or the folder cannot be made.
         """
 
     def begin(
@@ -747,6 +750,33 @@ class EpisodeBuffer:
             EmptyError: Also where `strict` and every episode is shorter than a window.
             EmptyError, ArgumentError, NonFiniteError, ShapeError, DtypeError, LayoutError: As for
                 `sample_transitions`.
+        """
+
+    def clear(self) -> None:
+        """Forget all finished episodes, as if newer ones had taken their room.
+
+        Open ones go on, ids count on, and memory is used again.
+
+        Raises:
+            OSError: Where the buffer stays on the disk and its journal cannot be written.
+        """
+
+    @staticmethod
+    def reopen(path: str | PathLike[str], *, check: bool = True) -> EpisodeBuffer:
+        """Go on with the folder of a persistent buffer: its finished episodes under their ids, streams idle.
+
+        Nothing is copied. What a kill left of a last entry is cut off. Drawing begins from another state of
+        the generator, which follows from the seed and the episodes so far; priorities begin anew.
+
+        Args:
+            path: Of the folder.
+            check: Whether to read all frames once, for their checksums. What a power cut left of the newest
+                episodes is then dropped.
+
+        Raises:
+            OSError: The fitting subclass, such as FileNotFoundError.
+            ArgumentError: For a folder that another buffer uses.
+            DamagedFileError: For a journal or, with `check`, frames that were altered.
         """
 
     def save(self, path: str | PathLike[str]) -> None:

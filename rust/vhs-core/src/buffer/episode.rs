@@ -25,6 +25,8 @@ pub struct Episode {
     pub(crate) values: Vec<f32>,
     /// Slots of frames 0..=T in the slab.
     pub(crate) frames: Vec<usize>,
+    /// Of all that lies in these slots, where the buffer stays on the disk.
+    pub(crate) checksum: u64,
 }
 
 impl Episode {
@@ -46,6 +48,7 @@ impl Episode {
             rewards: Vec::with_capacity(steps),
             values: Vec::with_capacity(steps),
             frames,
+            checksum: 0,
         }
     }
 

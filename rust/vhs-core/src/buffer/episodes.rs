@@ -20,6 +20,7 @@ use crate::buffer::layer::Layer;
 use crate::buffer::priorities::Priorities;
 use crate::labels::class_of;
 use crate::outcome::Outcome;
+use crate::storage::journal::Journal;
 use crate::storage::memory::scratch_file;
 use crate::storage::slab::{Slab, Source};
 use vhs_base::check::check_labels;
@@ -59,7 +60,7 @@ pub struct EpisodeBuffer {
     /// Saves under way, and the lineage of the process that began them: in a forked copy nobody ends them.
     saves: (u64, usize),
     /// One place a stream; None while it is idle. Boxed, so that a million idle streams cost little.
-    open: Vec<Option<Box<Episode>>>,
+    pub(crate) open: Vec<Option<Box<Episode>>>,
     /// Finished episodes, oldest first.
     pub(crate) finished: VecDeque<Episode>,
     /// Beside each finished episode, the steps of all that finished before it, evicted ones included: a
@@ -73,6 +74,8 @@ pub struct EpisodeBuffer {
     pub(crate) steps: usize,
     /// Of finished steps, where they have any.
     pub(crate) priorities: Option<Priorities>,
+    /// Where the buffer stays on the disk.
+    pub(crate) journal: Option<Journal>,
     pub(crate) rng: Rng,
 }
 
@@ -84,18 +87,23 @@ impl EpisodeBuffer {
     /// where the scratch file cannot be made.
     pub fn new(config: EpisodeConfig) -> Result<Self> {
         config.check()?;
+        let backing = config.backing.clone();
+        Self::with_sources(config, |name| source(&backing, name))
+    }
+
+    /// An empty buffer whose records lie where a function says: "frames", "goals", "field-1" and so on.
+    pub(crate) fn with_sources(
+        config: EpisodeConfig,
+        source: impl Fn(&str) -> Result<Source>,
+    ) -> Result<Self> {
         // Every step adds a frame, and every episode, of at least one step unless it is open, one more.
         let most = 2 * config.capacity_steps + config.num_streams;
-        let slab = Slab::new(config.frame_bytes(), most, source(&config.backing, 0)?);
+        let slab = Slab::new(config.frame_bytes(), most, source("frames")?);
         let fields = config.fields.iter().zip(1..).map(|(field, number)| {
-            Ok(Slab::new(
-                field.bytes(),
-                most,
-                source(&config.backing, number)?,
-            ))
+            let source = source(&format!("field-{number}"))?;
+            Ok(Slab::new(field.bytes(), most, source))
         });
         let fields = fields.collect::<Result<_>>()?;
-        let vector_bytes = config.vector_bytes().unwrap_or(1);
         let open = std::iter::repeat_with(|| None)
             .take(config.num_streams)
             .collect();
@@ -104,7 +112,10 @@ impl EpisodeBuffer {
         let priorities = exponent.map(Priorities::new);
         Ok(Self {
             slab,
-            achieved: Slab::new(vector_bytes, most, Source::Memory),
+            achieved: match config.vector_bytes() {
+                Some(bytes) => Slab::new(bytes, most, source("goals")?),
+                None => Slab::new(1, most, Source::Memory),
+            },
             fields,
             free: Vec::new(),
             retired: Vec::new(),
@@ -116,6 +127,7 @@ impl EpisodeBuffer {
             next_id: 0,
             steps: 0,
             priorities,
+            journal: None,
             rng,
             config,
         })
@@ -185,7 +197,7 @@ impl EpisodeBuffer {
         streams.try_for_each(|&stream| self.check_appendable(class_of(stream)))?;
         // Before anything changes: from here on every frame has a slot.
         self.reserve(steps.streams.len())?;
-        self.evict_for(steps.streams.len());
+        self.evict_for(steps.streams.len())?;
         let (frame_bytes, dim) = (self.config.frame_bytes(), self.config.action_dim);
         let vector_bytes = self.config.vector_bytes().unwrap_or_default();
         for (row, &stream) in steps.streams.iter().enumerate() {
@@ -245,6 +257,8 @@ impl EpisodeBuffer {
             });
         }
         self.reserve_priorities(stream)?;
+        self.compact()?;
+        self.note_finished(stream, outcome, is_terminated)?;
         if let Some(mut episode) = self.open[stream].take() {
             episode.outcome = outcome;
             episode.is_terminated = is_terminated;
@@ -434,21 +448,33 @@ impl EpisodeBuffer {
     }
 
     /// Evicts the oldest finished episodes until `n` more steps fit.
-    fn evict_for(&mut self, n: usize) {
-        while self.steps + n > self.config.capacity_steps {
-            // Open episodes alone always fit (checked when built), so there is one to evict.
-            let Some(oldest) = self.finished.pop_front() else {
-                break;
-            };
+    fn evict_for(&mut self, n: usize) -> Result<()> {
+        let (mut count, mut steps) = (0, self.steps + n);
+        // Open episodes alone always fit (checked when built), so there are enough to evict.
+        while steps > self.config.capacity_steps && count < self.finished.len() {
+            steps -= self.finished[count].len();
+            count += 1;
+        }
+        self.evict(count)
+    }
+
+    /// Evicts so many of the oldest finished episodes.
+    pub(crate) fn evict(&mut self, count: usize) -> Result<()> {
+        if count == 0 {
+            return Ok(());
+        }
+        self.note_left(count)?;
+        for oldest in self.finished.drain(..count).collect::<Vec<_>>() {
             let first = self.steps_before.pop_front();
             if let (Some(first), Some(priorities)) = (first, &mut self.priorities) {
                 priorities.remove(first, oldest.len());
             }
             self.release(oldest);
         }
+        Ok(())
     }
 
-    fn release(&mut self, episode: Episode) {
+    pub(crate) fn release(&mut self, episode: Episode) {
         self.steps -= episode.len();
         // In reverse: slots are taken from the end, and memory likes to be written in its own order.
         self.retired.extend(episode.frames.into_iter().rev());
@@ -516,17 +542,24 @@ impl EpisodeBuffer {
     }
 }
 
-/// Where the frames lie (number 0), or a field (from 1 on).
-fn source(backing: &Backing, number: usize) -> Result<Source> {
-    let Backing::Scratch(path) = backing else {
-        return Ok(Source::Memory);
+/// Where records of this name lie: fields in scratch files beside that of the frames, goals in memory.
+fn source(backing: &Backing, name: &str) -> Result<Source> {
+    let mut path = match (backing, name) {
+        (Backing::Memory, _) | (Backing::Scratch(_), "goals") => return Ok(Source::Memory),
+        (Backing::Scratch(path), _) => path.clone(),
+        (Backing::Kept(folder), _) => {
+            return Err(Error::Argument {
+                field: "backing",
+                expected: "a buffer that stays to be made by `keep` or `reopen`".into(),
+                got: folder.display().to_string(),
+            });
+        }
     };
-    let mut path = path.clone();
-    if number > 0 {
-        path.as_mut_os_string().push(format!(".{number}"));
+    if name != "frames" {
+        path.as_mut_os_string().push(format!(".{name}"));
     }
     match scratch_file(&path) {
-        Ok(file) => Ok(Source::Scratch(Arc::new(file))),
+        Ok(file) => Ok(Source::File(Arc::new(file))),
         Err(source) => Err(Error::Io {
             path,
             call: "create",

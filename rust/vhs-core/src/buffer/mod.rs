@@ -12,4 +12,5 @@ pub mod transitions;
 pub mod windows;
 
 mod file;
+mod kept;
 mod layer;

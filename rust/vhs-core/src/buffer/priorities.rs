@@ -98,6 +98,9 @@ impl Priorities {
     }
 
     fn fill(&mut self, first: u64, count: usize, odds: f64) {
+        if count == 0 {
+            return;
+        }
         let (start, leaves) = (self.leaf(first), self.tree.leaves);
         let whole = count.min(leaves - start);
         self.tree.fill(start, whole, odds);

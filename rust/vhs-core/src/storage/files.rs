@@ -203,6 +203,11 @@ impl<'a> Reader<'a> {
         self.expect("padding", "0", &found.to_string())
     }
 
+    /// Bytes that are not read yet.
+    pub(crate) fn left(&mut self) -> Result<u64> {
+        Ok(self.length.saturating_sub(self.position()?))
+    }
+
     pub(crate) fn position(&mut self) -> Result<u64> {
         io::Seek::stream_position(&mut self.file)
             .map_err(|source| io_error(self.path, "read", source))

@@ -34,14 +34,14 @@ impl Block {
         Ok(Self::Mapped(map))
     }
 
-    /// A part of a scratch file that no other block covers; the file is made longer where needed.
-    pub(crate) fn of_scratch(file: &File, offset: usize, bytes: usize) -> io::Result<Self> {
+    /// A part of a file of ours that no other block covers; the file is made longer where needed.
+    pub(crate) fn of_own(file: &File, offset: usize, bytes: usize) -> io::Result<Self> {
         allocate(file, offset, bytes)?;
         let mut options = MmapOptions::new();
         options.offset(offset as u64).len(bytes);
-        // SAFETY: the file is ours alone: it was created by `scratch_file` and has no name any more, so no
-        // other process can change or shorten it under the mapping, but a forked copy of this one, and whoever
-        // forks must not use the copy (`vhs-py` refuses to).
+        // SAFETY: the file is ours alone. Either `scratch_file` made it and it has no name any more, so no other
+        // process can change or shorten it under the mapping, or the caller of `keep` or `reopen` promised that nobody
+        // does. A forked copy of this process could, and whoever forks must not use it (`vhs-py` refuses to).
         unsafe { options.map_mut(file) }.map(Self::Mapped)
     }
 

@@ -2,6 +2,7 @@
 
 pub(crate) mod checksum;
 pub(crate) mod files;
+pub(crate) mod journal;
 pub(crate) mod memory;
 pub mod pool;
 pub(crate) mod saves;

@@ -21,7 +21,7 @@ const CHUNK_BYTES: usize = 32 << 20;
 pub(crate) enum Source {
     Memory,
     /// A file that nothing else writes to, cut into chunks.
-    Scratch(Arc<File>),
+    File(Arc<File>),
 }
 
 /// See the module documentation.
@@ -47,7 +47,7 @@ impl Slab {
     pub(crate) fn new(record_bytes: usize, capacity: usize, source: Source) -> Self {
         let start_records = match source {
             Source::Memory => (START_BYTES / record_bytes).max(1),
-            Source::Scratch(_) => 0,
+            Source::File(_) => 0,
         };
         Self::with_start(
             record_bytes,
@@ -155,6 +155,23 @@ impl Slab {
         self.put(index, &vec![0; self.record_bytes])
     }
 
+    /// How many records the file behind it may hold as it is.
+    pub(crate) fn records_in_file(&self) -> usize {
+        let Source::File(file) = &self.source else {
+            return 0;
+        };
+        let bytes = file.metadata().map_or(0, |found| found.len());
+        let bytes = usize::try_from(bytes).unwrap_or(usize::MAX);
+        bytes / self.chunk_bytes * self.per_chunk
+    }
+
+    /// Takes the first records as the file behind it has them.
+    pub(crate) fn restore(&mut self, records: usize) -> Result<()> {
+        self.reserve(records)?;
+        self.len = records;
+        Ok(())
+    }
+
     /// Chunk (None: the start block) and first byte of a record.
     const fn place(&self, index: usize) -> (Option<usize>, usize) {
         match index.checked_sub(self.start_records) {
@@ -193,8 +210,8 @@ impl Slab {
     fn new_chunk(&self) -> io::Result<Block> {
         match &self.source {
             Source::Memory => Block::anonymous(self.chunk_bytes),
-            Source::Scratch(file) => {
-                Block::of_scratch(file, self.chunks.len() * self.chunk_bytes, self.chunk_bytes)
+            Source::File(file) => {
+                Block::of_own(file, self.chunks.len() * self.chunk_bytes, self.chunk_bytes)
             }
         }
     }
@@ -202,7 +219,7 @@ impl Slab {
     fn refused(&self, source: io::Error) -> Error {
         match self.source {
             Source::Memory => memory(self.chunk_bytes),
-            Source::Scratch(_) => Error::Io {
+            Source::File(_) => Error::Io {
                 path: "the backing file".into(),
                 call: "grow",
                 source,

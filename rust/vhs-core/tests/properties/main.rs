@@ -9,6 +9,7 @@ mod errors;
 mod fields;
 
 mod goals;
+mod kept;
 mod persist;
 mod priorities;
 mod prototypes;

@@ -193,6 +193,18 @@ pub(super) fn backing(argument: Option<&Bound<'_, PyAny>>) -> PyResult<Backing> 
     Ok(Backing::Scratch(argument.extract::<PathBuf>()?))
 }
 
+/// The folder of a buffer that stays on the disk.
+pub(super) fn folder(argument: Option<&Bound<'_, PyAny>>) -> PyResult<PathBuf> {
+    match backing(argument)? {
+        Backing::Scratch(path) => Ok(path),
+        _ => Err(to_py(Error::Argument {
+            field: "backing",
+            expected: "a folder where persistent is true".into(),
+            got: "\"memory\"".into(),
+        })),
+    }
+}
+
 /// Refuses sums of several steps without a discount, or of rewards that only a function knows.
 pub(super) fn check_n_step(gamma: Option<f64>, reward: &Reward<'_>) -> PyResult<()> {
     let wrong = |field, expected: &str, got: &str| {

@@ -12,7 +12,7 @@ use vhs_core::transitions::TransitionDraw;
 use vhs_core::windows::WindowShape;
 
 use super::arguments::{
-    Actions, backing, check_n_step, goal_bytes, goal_kind, interactions, layout,
+    Actions, backing, check_n_step, folder, goal_bytes, goal_kind, interactions, layout,
 };
 use super::{EpisodeBuffer, stacking};
 use crate::arrays::{
@@ -34,11 +34,11 @@ impl EpisodeBuffer {
     #[pyo3(signature = (frame_shape, *, num_streams, max_episode_steps, capacity_steps, frame_stack=None,
                         stacking="frames", num_goals=None, num_actions=None, first_action=None,
                         interactions=None, num_interactions=None, dtype=None, goals="labels", goal_shape=None, goal_dtype=None,
-                        fields=None, action_dim=None, priority_exponent=None, backing=None, seed=None),
+                        fields=None, action_dim=None, priority_exponent=None, backing=None, persistent=false, seed=None),
            text_signature = "(frame_shape, *, num_streams, max_episode_steps, capacity_steps, frame_stack=2, \
                              stacking='frames', num_goals=1, num_actions=None, first_action=0, \
                              interactions=None, num_interactions=None, dtype='uint8', goals='labels', goal_shape=None, \
-                             goal_dtype=None, fields=None, action_dim=0, priority_exponent=None, backing='memory', seed=0)")]
+                             goal_dtype=None, fields=None, action_dim=0, priority_exponent=None, backing='memory', persistent=False, seed=0)")]
     #[expect(
         clippy::too_many_arguments,
         reason = "keyword arguments in Python; one struct from here on"
@@ -63,12 +63,15 @@ impl EpisodeBuffer {
         action_dim: Option<&Bound<'_, PyAny>>,
         priority_exponent: Option<f64>,
         backing: Option<&Bound<'_, PyAny>>,
+        persistent: bool,
         seed: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let or = |default: usize, field, argument: Option<&Bound<'_, PyAny>>| {
             argument.map_or(Ok(default), |argument| size(field, argument))
         };
         let (num_interactions, interactions) = self::interactions(interactions, num_interactions)?;
+        let folder = persistent.then(|| folder(backing)).transpose()?;
+        let backing = if persistent { None } else { backing };
         let config = EpisodeConfig {
             frame_shape: shape("frame_shape", frame_shape)?,
             frame_item: dtype.map_or(Ok(Item::U8), |dtype| item("dtype", dtype))?,
@@ -91,7 +94,12 @@ impl EpisodeBuffer {
             seed: seed.map_or(Ok(0), self::seed)?,
             backing: self::backing(backing)?,
         };
-        checked(core::EpisodeBuffer::new(config)).map(Self::from)
+        let made = match folder {
+            None => core::EpisodeBuffer::new(config),
+            // SAFETY: the stub passes the condition on to the caller.
+            Some(folder) => unsafe { core::EpisodeBuffer::keep(config, &folder) },
+        };
+        checked(made).map(Self::from)
     }
 
     #[doc = stub!("EpisodeBuffer.begin")]
@@ -368,6 +376,24 @@ impl EpisodeBuffer {
             is_strict: strict,
         };
         self.windows(py, size("n", n)?, window, rule.as_ref(), &reward, out)
+    }
+
+    #[doc = stub!("EpisodeBuffer.clear")]
+    fn clear(&self, py: Python<'_>) -> PyResult<()> {
+        self.write(py, core::EpisodeBuffer::clear)
+    }
+
+    #[doc = stub!("EpisodeBuffer.reopen")]
+    #[staticmethod]
+    #[pyo3(signature = (path, *, check=true), text_signature = "(path, *, check=True)")]
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "made from a Python path for this call"
+    )]
+    fn reopen(py: Python<'_>, path: PathBuf, check: bool) -> PyResult<Self> {
+        // SAFETY: the stub passes the condition on to the caller.
+        let reopened = interruptible(py, || unsafe { core::EpisodeBuffer::reopen(&path, check) });
+        reopened.map(Self::from)
     }
 
     #[doc = stub!("EpisodeBuffer.save")]

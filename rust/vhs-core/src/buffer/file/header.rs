@@ -3,7 +3,6 @@
 mod fields;
 
 use crate::buffer::config::{EpisodeConfig, GoalKind, Stacking};
-use crate::buffer::episode::Episode;
 use crate::buffer::episodes::EpisodeBuffer;
 use crate::buffer::field::Field;
 use crate::buffer::priorities::Priorities;
@@ -27,8 +26,19 @@ const MAX_COUNTER: u64 = 1 << 62;
 /// The most actions or interactions that a list of them is made for.
 const MAX_LABELS: usize = 1 << 20;
 
+/// What a head says of the episodes that come after it.
+pub(crate) struct Counters {
+    /// The id that the next episode gets.
+    pub(crate) next_id: u64,
+    /// Steps of all that ever finished.
+    pub(crate) finished_steps: u64,
+    pub(crate) episodes: usize,
+    /// Of these episodes.
+    pub(crate) steps: usize,
+}
+
 /// Everything before the episodes.
-pub(super) fn write(buffer: &EpisodeBuffer, rng: &Rng) -> Result<Vec<u8>> {
+pub(crate) fn write(buffer: &EpisodeBuffer, rng: &Rng, counters: &Counters) -> Result<Vec<u8>> {
     let config = &buffer.config;
     let (kind, item, shape) = match &config.goal_kind {
         GoalKind::Labels => (0, 0, &[][..]),
@@ -54,7 +64,6 @@ pub(super) fn write(buffer: &EpisodeBuffer, rng: &Rng) -> Result<Vec<u8>> {
     }
     let (frame, stacking) = (config.frame_item as u64, config.stacking as u64);
     let kinds = kind | item << 8 | frame << 16 | stacking << 24 | (shape.len() as u64) << 32;
-    let stored = buffer.finished.iter().map(Episode::len).sum::<usize>();
     let mut head = MAGIC.to_vec();
     let mut put = |words: &[u64]| push_words(&mut head, words.iter().copied());
     let version = u64::from(VERSION) | (config.frame_shape.len() as u64) << 32;
@@ -62,8 +71,8 @@ pub(super) fn write(buffer: &EpisodeBuffer, rng: &Rng) -> Result<Vec<u8>> {
     put(&sizes(config).map(|size| size as u64));
     put(&[config.seed]);
     put(&rng.state());
-    put(&[buffer.next_id, buffer.finished_steps]);
-    put(&[buffer.finished.len() as u64, stored as u64]);
+    put(&[counters.next_id, counters.finished_steps]);
+    put(&[counters.episodes as u64, counters.steps as u64]);
     put(&[
         config.first_action.cast_unsigned(),
         config.fields.len() as u64,
@@ -157,12 +166,11 @@ impl Header {
             largest: rest.get(21).copied().map_or(0.0, f64::from_bits),
             leaves: reader.number("leaves", rest.get(22).copied().unwrap_or(0), 0, MAX_SIZE)?,
         };
-        header.check(reader)?;
+        header.check_counters(reader)?;
         Ok(header)
     }
 
-    /// Before memory is taken: all sizes together must be those of the file.
-    fn check(&self, reader: &Reader<'_>) -> Result<()> {
+    fn check_counters(&self, reader: &Reader<'_>) -> Result<()> {
         let range = self.episodes as u64..=MAX_COUNTER;
         if !range.contains(&self.next_id) {
             let expected = format!("a number in {range:?}");
@@ -175,6 +183,11 @@ impl Header {
             let found = format!("{} in {} episodes", self.steps, self.episodes);
             return Err(reader.damaged("steps", "what the buffer can hold", &found));
         }
+        Ok(())
+    }
+
+    /// Before memory is taken: all sizes together must be those of the file.
+    pub(super) fn check_length(&self, reader: &Reader<'_>) -> Result<()> {
         let padded = self.bytes().and_then(|bytes| {
             let padded = bytes.checked_next_multiple_of(ALIGNMENT)?;
             padded.checked_add(self.beside_bytes()?)?.checked_add(16)
@@ -327,15 +340,15 @@ fn with_interactions(
 }
 
 /// The error of a file whose checksum is right and whose numbers are not.
-pub(super) fn lie(reader: &Reader<'_>, error: &Error) -> Error {
+pub(crate) fn lie(reader: &Reader<'_>, error: &Error) -> Error {
     reader.damaged("contents", "those of an episode buffer", &error.to_string())
 }
 
 /// Non-negative numbers are stored as they are; no other passes the checks.
-pub(super) fn word(number: i64) -> u64 {
+pub(crate) fn word(number: i64) -> u64 {
     class_of(number) as u64
 }
 
-pub(super) fn number(word: u64) -> i64 {
+pub(crate) fn number(word: u64) -> i64 {
     usize::try_from(word).map_or(-1, label_of)
 }

@@ -28,11 +28,11 @@
 //! Version 3 has 20 words there and no fields. Version 2 has 19, without the number of the first action, and fewer
 //! types of elements. Version 1 has no list of actions either: a number says from which action on they are the interactions.
 
-mod header;
+pub(crate) mod header;
 
 use std::path::Path;
 
-use self::header::{Header, lie, number, word};
+use self::header::{Counters, Header, lie, number, word};
 use crate::buffer::config::{Backing, EpisodeConfig};
 use crate::buffer::episode::{Episode, Opening};
 use crate::buffer::episodes::EpisodeBuffer;
@@ -48,7 +48,7 @@ use vhs_base::error::Result;
 use vhs_base::rng::Rng;
 
 /// Set in an episode's third word where its last step ended the task.
-const TERMINATED: u64 = 256;
+pub(crate) const TERMINATED: u64 = 256;
 
 impl EpisodeBuffer {
     /// Writes the finished episodes and the generator to `path`, as a goal store is: to a temporary file
@@ -142,7 +142,14 @@ pub struct Saving {
 
 impl Saving {
     fn new(buffer: &EpisodeBuffer, rng: &Rng) -> Result<Self> {
-        let mut head = header::write(buffer, rng)?;
+        let steps = buffer.finished.iter().map(Episode::len).sum();
+        let counters = Counters {
+            next_id: buffer.next_id,
+            finished_steps: buffer.finished_steps,
+            episodes: buffer.finished.len(),
+            steps,
+        };
+        let mut head = header::write(buffer, rng, &counters)?;
         let episodes = || buffer.finished.iter();
         for episode in episodes() {
             let ended = episode.outcome as u64 + if episode.is_terminated { TERMINATED } else { 0 };
@@ -257,6 +264,7 @@ fn verify(path: &Path) -> Result<()> {
 /// Everything but the frames.
 fn read_steps(reader: &mut Reader<'_>, loading: &Loading) -> Result<(EpisodeBuffer, Header)> {
     let header = Header::read(reader)?;
+    header.check_length(reader)?;
     let mut config = header.config.clone();
     if let Loading::Read(backing) = loading {
         config.backing = backing.clone();
@@ -288,6 +296,12 @@ fn read_steps(reader: &mut Reader<'_>, loading: &Loading) -> Result<(EpisodeBuff
     }
     reader.expect_checksum("checksum of the goals and fields")?;
     Ok((buffer, header))
+}
+
+/// The head of a journal: what its buffer was built from, the next id and the steps of all that finished.
+pub(crate) fn read_head(reader: &mut Reader<'_>) -> Result<(EpisodeConfig, [u64; 2])> {
+    let header = Header::read(reader)?;
+    Ok((header.config, [header.next_id, header.finished_steps]))
 }
 
 fn read_episodes(reader: &mut Reader<'_>, header: &Header) -> Result<Vec<Episode>> {
@@ -375,7 +389,7 @@ fn reals(reader: &mut Reader<'_>, count: usize) -> Result<Vec<f32>> {
 }
 
 /// What `begin` and `append` would have refused.
-fn check_episode(config: &EpisodeConfig, episode: &Episode) -> Result<()> {
+pub(crate) fn check_episode(config: &EpisodeConfig, episode: &Episode) -> Result<()> {
     check_labels("goal", &[episode.goal], config.num_goals)?;
     let interactions = config.num_interactions.max(1);
     check_labels("interaction", &[episode.interaction], interactions)?;
