@@ -91,10 +91,10 @@ pub(crate) trait Machine: Copy + Debug {
     fn larger(a: Self::I, b: Self::I) -> Self::I;
     /// The smaller, signed.
     fn smaller(a: Self::I, b: Self::I) -> Self::I;
-    /// All ones where equal, else zero.
-    fn equal(a: Self::I, b: Self::I) -> Self::I;
     /// `table[at]` for indices of at least 0; places past the end read the last entry.
     fn look_up(table: &[u32], at: Self::I) -> Self::I;
+    /// `table[at]` and `table[at + 1]` likewise, in a table of two or more.
+    fn look_up_pairs(table: &[u32], at: Self::I) -> [Self::I; 2];
 
     /// `a` where `mask` is all ones, `b` where it is zero.
     #[inline(always)]
@@ -359,13 +359,14 @@ impl Machine for Plain {
         both(a, b, i32::min)
     }
     #[inline(always)]
-    fn equal(a: Self::I, b: Self::I) -> Self::I {
-        both(a, b, |a, b| -i32::from(a == b))
-    }
-    #[inline(always)]
     fn look_up(table: &[u32], at: Self::I) -> Self::I {
         let last = table.len() - 1;
         each(at, |i| table[(i as usize).min(last)] as i32)
+    }
+    #[inline(always)]
+    fn look_up_pairs(table: &[u32], at: Self::I) -> [Self::I; 2] {
+        let last = table.len() - 2;
+        [0, 1].map(|k| each(at, |i| table[(i as usize).min(last) + k] as i32))
     }
 }
 

@@ -28,6 +28,9 @@ struct Texels<M: Machine> {
 
 /// A texture with all its levels: for each face the picture and its smaller copies, one after the other, row-major
 /// RGBA, 8 bits a channel, red in the low byte.
+///
+/// Every level has a border of one texel that holds what a look-up across its edge finds: the texels of the opposite
+/// edge where the texture repeats, those of the same edge where it does not.
 #[derive(Debug, Clone)]
 pub struct Texture {
     kind: TextureKind,
@@ -35,7 +38,7 @@ pub struct Texture {
     width: u32,
     height: u32,
     levels: u32,
-    /// Where each level starts within a face.
+    /// Where each level starts within a face, its border included.
     starts: [u32; MOST_LEVELS],
     /// From one face to the next; 0 when all sides of a cube share one.
     face_step: u32,
@@ -97,30 +100,53 @@ impl<M: Machine> Texels<M> {
     }
 }
 
-/// Appends the smaller copies of the picture of `width * height` texels that starts at `base`; returns where each
-/// level starts, counted from `base`, and how many there are.
-fn add_levels(
+/// Appends a picture of `width * height` texels and its smaller copies, each with its border; returns where each level
+/// starts, counted from the first, and how many there are.
+fn push_levels(
     texels: &mut Vec<u32>,
-    base: usize,
-    width: u32,
-    height: u32,
+    kind: TextureKind,
+    mut picture: Vec<u32>,
+    (width, height): (u32, u32),
 ) -> ([u32; MOST_LEVELS], u32) {
-    let mut starts = [0; MOST_LEVELS];
-    let mut levels = 1;
-    let size = |level: u32| ((width >> level).max(1), (height >> level).max(1));
-    while size(levels - 1) != (1, 1) {
-        let fine = base + starts[levels as usize - 1] as usize;
+    let (base, mut starts, mut levels) = (texels.len(), [0; MOST_LEVELS], 0);
+    loop {
+        let size = |level: u32| ((width >> level).max(1), (height >> level).max(1));
         starts[levels as usize] = u32::try_from(texels.len() - base).unwrap_or(u32::MAX);
-        let ((fine_w, fine_h), (w, h)) = (size(levels - 1), size(levels));
-        for y in 0..h {
-            for x in 0..w {
-                let texel = halved(&texels[fine..], (fine_w, fine_h), (x, y), (w, h));
-                texels.push(texel);
-            }
+        push_with_border(texels, kind, &picture, size(levels).0 as usize);
+        if size(levels) == (1, 1) {
+            return (starts, levels + 1);
         }
+        let (fine, (w, h)) = (size(levels), size(levels + 1));
+        let places = (0..h).flat_map(|y| (0..w).map(move |x| (x, y)));
+        picture = places
+            .map(|at| halved(&picture, fine, at, (w, h)))
+            .collect();
         levels += 1;
     }
-    (starts, levels)
+}
+
+/// Appends a picture with one texel more on every side.
+fn push_with_border(texels: &mut Vec<u32>, kind: TextureKind, picture: &[u32], width: usize) {
+    let last = picture.len() / width - 1;
+    let before = |last: usize| if kind == TextureKind::Flat { last } else { 0 };
+    let behind = |last: usize| if kind == TextureKind::Flat { 0 } else { last };
+    for y in [before(last)]
+        .into_iter()
+        .chain(0..=last)
+        .chain([behind(last)])
+    {
+        let row = &picture[y * width..(y + 1) * width];
+        texels.push(row[before(width - 1)]);
+        texels.extend_from_slice(row);
+        texels.push(row[behind(width - 1)]);
+    }
+}
+
+/// Texels of a texture with one face of this size, borders included, are at most this many.
+fn most_texels(width: usize, height: usize) -> usize {
+    (0..MOST_LEVELS)
+        .map(|level| ((width >> level) + 3) * ((height >> level) + 3))
+        .sum()
 }
 
 /// Texel `(x, y)` of a copy of size `(w, h)`: a linear look-up at its scaled centre, for even sizes a mean of four.
@@ -149,27 +175,16 @@ fn halved(
     u32::from_le_bytes([0, 1, 2, 3].map(channel))
 }
 
-/// The two texels around a coordinate in 0..=1, and the weight of the second in 256ths.
+/// The first of the two texels around a coordinate in 0..=1, counted from the border, and the weight of the second in
+/// 256ths.
 #[inline(always)]
-fn neighbours<M: Machine, const REPEAT: bool>(t: M::F, n: M::I) -> (M::I, M::I, M::I) {
+fn neighbours<M: Machine>(t: M::F, n: M::I) -> (M::I, M::I) {
     // Not negative, so cutting off the fraction is rounding down; texel centres are at odd multiples of 128.
-    let at = M::minus(
+    let at = M::plus(
         M::truncate(M::mul(t, M::from_int(M::left(n, 8)))),
         M::int(128),
     );
-    let (low, weight) = (M::right_signed(at, 8), M::and(at, M::int(255)));
-    let high = M::plus(low, M::int(1));
-    if REPEAT {
-        // Texel -1 is the last one, and the one after the last is the first.
-        let wrapped = M::plus(low, M::and(M::right_signed(low, 31), n));
-        (wrapped, M::without(M::equal(high, n), high), weight)
-    } else {
-        (
-            M::larger(low, M::int(0)),
-            M::smaller(high, M::minus(n, M::int(1))),
-            weight,
-        )
-    }
+    (M::right(at, 8), M::and(at, M::int(255)))
 }
 
 /// Binary logarithm of a normal positive number; see [`crate::math`] for why it is not the platform's.
@@ -242,6 +257,14 @@ impl Texture {
                 })
         };
         let (w, h) = (size(width)?, size(rows)?);
+        let faces = if stacked { 6 } else { 1 };
+        if faces * most_texels(width, rows) > i32::MAX as usize {
+            return Err(Error::Range {
+                what: "texture size",
+                expected: "fewer than 2^31 texels",
+                got: format!("{width} by {height}"),
+            });
+        }
         let mut texture = Self {
             kind,
             width: w,
@@ -252,9 +275,9 @@ impl Texture {
             texels: Vec::new(),
         };
         for face in data.chunks_exact(width * rows * channels) {
-            let base = texture.texels.len();
-            texture.texels.extend(face.chunks_exact(channels).map(pack));
-            (texture.starts, texture.levels) = add_levels(&mut texture.texels, base, w, h);
+            let picture = face.chunks_exact(channels).map(pack).collect();
+            (texture.starts, texture.levels) =
+                push_levels(&mut texture.texels, kind, picture, (w, h));
         }
         if stacked {
             texture.face_step = u32::try_from(texture.texels.len() / 6).unwrap_or(u32::MAX);
@@ -281,7 +304,7 @@ impl Texture {
             M::unit(M::sub(u, M::floor(u))),
             M::unit(M::sub(v, M::floor(v))),
         );
-        self.trilinear::<M, true>(M::int(0), u, v, rho2)
+        self.trilinear::<M>(M::int(0), u, v, rho2)
     }
 
     /// Colours of a cube texture in direction `d`, 0..=255; `dx` and `dy` are its changes from pixel to pixel.
@@ -301,23 +324,17 @@ impl Texture {
             M::unit(M::mul_then_add(a, half, half)),
             M::unit(M::mul_then_add(b, half, half)),
         );
-        self.trilinear::<M, false>(side.start(self.face_step), u, v, rho2)
+        self.trilinear::<M>(side.start(self.face_step), u, v, rho2)
     }
 
     /// Trilinear look-up in the face that starts at `base`, at `u`, `v` in 0..=1.
     #[inline(always)]
     #[expect(clippy::cast_possible_wrap, reason = "at most 15 levels")]
-    fn trilinear<M: Machine, const REPEAT: bool>(
-        &self,
-        base: M::I,
-        u: M::F,
-        v: M::F,
-        rho2: M::F,
-    ) -> [M::F; 4] {
+    fn trilinear<M: Machine>(&self, base: M::I, u: M::F, v: M::F, rho2: M::F) -> [M::F; 4] {
         let size = (M::int(self.width as i32), M::int(self.height as i32));
         let one = M::float(1.0);
         if !M::any_above(rho2, one) {
-            return self.bilinear::<M, REPEAT>(base, size, u, v).channels();
+            return self.bilinear::<M>(base, size, u, v).channels();
         }
         // Level zero for everything magnified; NaN has been turned into it as well.
         let last = M::int(self.levels as i32 - 1);
@@ -328,8 +345,8 @@ impl Texture {
         let fine = M::truncate(lod);
         let weight = M::truncate(M::mul(M::sub(lod, M::from_int(fine)), M::float(256.0)));
         let coarse = M::smaller(M::plus(fine, M::int(1)), last);
-        let near = self.at_level::<M, REPEAT>(base, fine, u, v);
-        near.blended(self.at_level::<M, REPEAT>(base, coarse, u, v), weight)
+        let near = self.at_level::<M>(base, fine, u, v);
+        near.blended(self.at_level::<M>(base, coarse, u, v), weight)
             .channels()
     }
 
@@ -340,13 +357,7 @@ impl Texture {
         clippy::cast_sign_loss,
         reason = "sizes and levels are small"
     )]
-    fn at_level<M: Machine, const REPEAT: bool>(
-        &self,
-        base: M::I,
-        level: M::I,
-        u: M::F,
-        v: M::F,
-    ) -> Texels<M> {
+    fn at_level<M: Machine>(&self, base: M::I, level: M::I, u: M::F, v: M::F) -> Texels<M> {
         // Neighbouring samples mostly agree on the level, and then its numbers need no look-up.
         if let Some(level) = M::common(level) {
             let start = M::plus(
@@ -357,36 +368,32 @@ impl Texture {
                 (self.width >> level).max(1) as i32,
                 (self.height >> level).max(1) as i32,
             );
-            return self.bilinear::<M, REPEAT>(start, (M::int(size.0), M::int(size.1)), u, v);
+            return self.bilinear::<M>(start, (M::int(size.0), M::int(size.1)), u, v);
         }
         let start = M::plus(base, M::look_up(&self.starts, level));
         let width = M::larger(M::right_by(M::int(self.width as i32), level), M::int(1));
         let height = M::larger(M::right_by(M::int(self.height as i32), level), M::int(1));
-        self.bilinear::<M, REPEAT>(start, (width, height), u, v)
+        self.bilinear::<M>(start, (width, height), u, v)
     }
 
     /// Bilinear look-up in the picture of size `(w, h)` that starts at `start`.
     #[inline(always)]
-    fn bilinear<M: Machine, const REPEAT: bool>(
+    fn bilinear<M: Machine>(
         &self,
         start: M::I,
         (w, h): (M::I, M::I),
         u: M::F,
         v: M::F,
     ) -> Texels<M> {
-        let (x0, x1, wx) = neighbours::<M, REPEAT>(u, w);
-        let (y0, y1, wy) = neighbours::<M, REPEAT>(v, h);
-        let top = M::plus(start, M::times_small(y0, w));
-        let bottom = M::plus(start, M::times_small(y1, w));
+        let ((x, wx), (y, wy)) = (neighbours::<M>(u, w), neighbours::<M>(v, h));
+        let stride = M::plus(w, M::int(2));
+        let top = M::plus(start, M::plus(M::times_small(y, stride), x));
         let both = M::right(M::plus(M::times_small(wx, wy), M::int(128)), 8);
         let (right, down) = (M::minus(wx, both), M::minus(wy, both));
         let rest = M::minus(M::minus(M::int(256), wx), down);
-        let taps = [
-            M::look_up(&self.texels, M::plus(top, x0)),
-            M::look_up(&self.texels, M::plus(top, x1)),
-            M::look_up(&self.texels, M::plus(bottom, x0)),
-            M::look_up(&self.texels, M::plus(bottom, x1)),
-        ];
+        let [a, b] = M::look_up_pairs(&self.texels, top);
+        let [c, d] = M::look_up_pairs(&self.texels, M::plus(top, stride));
+        let taps = [a, b, c, d];
         Texels::weighted(taps, [rest, right, down, both])
     }
 }

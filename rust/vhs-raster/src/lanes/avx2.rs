@@ -49,7 +49,6 @@ impl Machine for Avx2 {
         right_by(a: I, n: I) -> I = _mm256_srlv_epi32(a, n);
         larger(a: I, b: I) -> I = _mm256_max_epi32(a, b);
         smaller(a: I, b: I) -> I = _mm256_min_epi32(a, b);
-        equal(a: I, b: I) -> I = _mm256_cmpeq_epi32(a, b);
         choose(mask: I, a: F, b: F) -> F = _mm256_blendv_ps(b, a, _mm256_castsi256_ps(mask));
     }
 
@@ -128,6 +127,29 @@ impl Machine for Avx2 {
         unsafe {
             let at = _mm256_min_epu32(at, _mm256_set1_epi32((table.len() - 1) as i32));
             _mm256_i32gather_epi32::<4>(table.as_ptr().cast(), at)
+        }
+    }
+    #[inline(always)]
+    fn look_up_pairs(table: &[u32], at: __m256i) -> [__m256i; 2] {
+        assert!(table.len() >= 2, "expected a table of two entries or more");
+        // SAFETY: as above; as unsigned numbers all indices are limited to the table's last entry but one, so that
+        // 64 bits are readable there.
+        unsafe {
+            let at = _mm256_min_epu32(at, _mm256_set1_epi32((table.len() - 2) as i32));
+            let mut places = [0_u32; 8];
+            _mm256_storeu_si256(places.as_mut_ptr().cast(), at);
+            let pair = |i: usize| {
+                let from = table.as_ptr().add(places[i] as usize);
+                from.cast::<i64>().read_unaligned()
+            };
+            // Every other lane, so that a shift and a blend bring the texels of all lanes together.
+            let four =
+                |i: usize| _mm256_setr_epi64x(pair(i), pair(i + 2), pair(i + 4), pair(i + 6));
+            let (even, odd) = (four(0), four(1));
+            [
+                _mm256_blend_epi32::<0b1010_1010>(even, _mm256_slli_epi64::<32>(odd)),
+                _mm256_blend_epi32::<0b1010_1010>(_mm256_srli_epi64::<32>(even), odd),
+            ]
         }
     }
 }

@@ -49,7 +49,6 @@ impl Machine for Avx512 {
         right_by(a: I, n: I) -> I = _mm512_srlv_epi32(a, n);
         larger(a: I, b: I) -> I = _mm512_max_epi32(a, b);
         smaller(a: I, b: I) -> I = _mm512_min_epi32(a, b);
-        equal(a: I, b: I) -> I = _mm512_movm_epi32(_mm512_cmpeq_epi32_mask(a, b));
         choose(mask: I, a: F, b: F) -> F = _mm512_mask_blend_ps(_mm512_movepi32_mask(mask), b, a);
     }
 
@@ -127,6 +126,40 @@ impl Machine for Avx512 {
         unsafe {
             let at = _mm512_min_epu32(at, _mm512_set1_epi32((table.len() - 1) as i32));
             _mm512_i32gather_epi32::<4>(at, table.as_ptr().cast())
+        }
+    }
+    #[inline(always)]
+    fn look_up_pairs(table: &[u32], at: __m512i) -> [__m512i; 2] {
+        assert!(table.len() >= 2, "expected a table of two entries or more");
+        // SAFETY: as above; as unsigned numbers all indices are limited to the table's last entry but one, so that
+        // 64 bits are readable there.
+        unsafe {
+            let at = _mm512_min_epu32(at, _mm512_set1_epi32((table.len() - 2) as i32));
+            let mut places = [0_u32; 16];
+            _mm512_storeu_si512(places.as_mut_ptr().cast(), at);
+            let pair = |i: usize| {
+                let from = table.as_ptr().add(places[i] as usize);
+                from.cast::<i64>().read_unaligned()
+            };
+            // Every other lane, so that a shift and a blend bring the texels of all lanes together.
+            let eight = |i: usize| {
+                _mm512_setr_epi64(
+                    pair(i),
+                    pair(i + 2),
+                    pair(i + 4),
+                    pair(i + 6),
+                    pair(i + 8),
+                    pair(i + 10),
+                    pair(i + 12),
+                    pair(i + 14),
+                )
+            };
+            let (even, odd) = (eight(0), eight(1));
+            let is_odd = 0b1010_1010_1010_1010;
+            [
+                _mm512_mask_blend_epi32(is_odd, even, _mm512_slli_epi64::<32>(odd)),
+                _mm512_mask_blend_epi32(is_odd, _mm512_srli_epi64::<32>(even), odd),
+            ]
         }
     }
 }
