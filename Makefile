@@ -6,7 +6,7 @@ RUST := $(shell find rust -name '*.rs' -not -path '*/target/*') $(shell find rus
 CONFIG ?= configs/task2.yaml
 ARGS ?=
 
-.PHONY: help train test quick lint format docs bench wheel cases soak loom tsan fuzz ci clean
+.PHONY: help train test quick lint format docs bench wheel cases mujoco soak loom tsan fuzz ci clean
 .DEFAULT_GOAL := help
 
 help:  ## show this list
@@ -56,6 +56,14 @@ cases: $(VENV)/.dev $(VENV)/.built  ## run small programs that show faults, a li
 MINUTES ?= 30
 soak: $(VENV)/.dev $(VENV)/.built  ## kill, stop and fill the disk of trainings, savers and pools, and count what is lost (MINUTES=30)
 	$(BIN)/python tests/soak.py $(MINUTES)
+
+# In an environment of its own: only there can MuJoCo be of another version. The oldest is the one in pyproject.toml.
+MUJOCO ?= $(shell sed -n 's/.*"mujoco>=\([0-9.]*\)".*/\1/p' pyproject.toml)
+OTHER := target/mujoco-$(MUJOCO)
+mujoco: $(VENV)/.built  ## run the renderer's tests with another MuJoCo, the oldest that is supported (MUJOCO=VERSION)
+	$(PYTHON) -m venv $(OTHER)
+	$(OTHER)/bin/pip install --quiet "mujoco==$(MUJOCO)" gymnasium imageio hypothesis pytest pytest-timeout
+	PYTHONPATH=python $(OTHER)/bin/python -m pytest --confcutdir=tests/raster tests/raster $(ARGS)
 
 loom:  ## explore every interleaving of the scheduler's lock-free parts
 	RUSTFLAGS="--cfg loom" CARGO_TARGET_DIR=target/loom cargo test -p vhs-rollout --release --test loom

@@ -1,7 +1,8 @@
-"""Frames per second of `RasterRenderer` beside `mujoco.Renderer`, by scene and size.
+"""Frames per second of `RasterRenderer` beside `mujoco.Renderer`, one at a time and many at once.
 
 Both draw the same states with shadows and reflections off, in turns, in one process and one thread; the
-pictures are compared before anything is timed. OpenGL is EGL unless MUJOCO_GL says otherwise. Run with
+pictures are compared before anything is timed. `render_batch` draws the same pictures on one thread and on
+several; they have to be equal. OpenGL is EGL unless MUJOCO_GL says otherwise. Run with
 `python benchmarks/bench_raster.py [--json FILE] [--quick]`.
 """
 
@@ -135,6 +136,45 @@ def measure(name: str, size: int, rounds: int) -> dict[str, object]:
     }
 
 
+def batch(name: str, size: int, rounds: int) -> dict[str, object]:
+    """Times `render_batch` on one thread and on one for each processor, in turns.
+
+    The batches are short, and the fastest count: where other processes keep the processors busy, a batch now
+    and then has them for itself. `cpu_factor` is how much more processor time the pictures take on several
+    threads, which no load changes.
+    """
+    (model, datas, camera, option), antialias = SCENES[name][0](), SCENES[name][1]
+    renderer = RasterRenderer(model, size, size, antialias=antialias)
+    for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+        renderer.scene.flags[flag] = False
+    datas, counts = 2 * datas, (1, len(os.sched_getaffinity(0)))
+    pictures = [renderer.render_batch(datas, camera, option, threads=count) for count in counts]
+    if not np.array_equal(*pictures):
+        raise SystemExit(f"{name} at {size}: pictures depend on the number of threads")
+    wall: list[list[float]] = [[], []]
+    cpu: list[list[float]] = [[], []]
+    for _ in range(rounds):
+        for i, count in enumerate(counts):
+            start, used = time.perf_counter(), time.process_time()
+            renderer.render_batch(datas, camera, option, pictures[i], threads=count)
+            wall[i].append((time.perf_counter() - start) / len(datas))
+            cpu[i].append((time.process_time() - used) / len(datas))
+    return {
+        "scene": name,
+        "size": size,
+        "threads": counts[1],
+        "one_us": round(1e6 * min(wall[0]), 1),
+        "all_us": round(1e6 * min(wall[1]), 1),
+        "speed_up": round(min(wall[0]) / min(wall[1]), 2),
+        "cpu_factor": round(float(np.median(cpu[1]) / np.median(cpu[0])), 2),
+    }
+
+
+def print_row(row: dict[str, object]) -> None:
+    """Prints numbers in columns under their names."""
+    print(f"{row['scene']:22}", *(f"{row[column]:>17}" for column in list(row)[1:]), flush=True)
+
+
 def main() -> None:
     """Measures, prints a table and writes JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -143,22 +183,16 @@ def main() -> None:
         "--quick", action="store_true", help="one size and few frames: checks that this still runs"
     )
     arguments = parser.parse_args()
-    rows = []
-    columns = (
-        "size",
-        "raster_us",
-        "raster_fastest_us",
-        "mujoco_us",
-        "mujoco_fastest_us",
-        "ratio",
-        "difference",
-    )
-    print(f"{'scene':22}", *(f"{column:>17}" for column in columns))
-    for name in SCENES:
-        for size in (84,) if arguments.quick else SIZES:
-            row = measure(name, size, rounds=1 if arguments.quick else 6)
-            rows.append(row)
-            print(f"{name:22}", *(f"{row[column]:17}" for column in columns))
+    rows: list[dict[str, object]] = []
+    for kind, sizes in ((measure, SIZES), (batch, (84, 256))):
+        for name in SCENES:
+            for size in (84,) if arguments.quick else sizes:
+                rounds = {measure: 6, batch: 200}[kind]
+                row = kind(name, size, rounds=1 if arguments.quick else rounds)
+                if not rows or list(row) != list(rows[-1]):
+                    print_row({column: column for column in row})
+                print_row(row)
+                rows.append(row)
     if arguments.json:
         arguments.json.write_text(
             json.dumps({"machine": platform.processor(), "rows": rows}, indent=2) + "\n"

@@ -1490,20 +1490,28 @@ class RasterCanvas:
     def draw_tags(self, out: NDArray[np.int32]) -> None:
         """Draw object number and type into int32 [height, width, 2]; -1 is background."""
 
-    def keep(self) -> None:
-        """Keep what `update` and `take` have read, to be drawn together with others."""
+    def draw_all(
+        self,
+        count: int,
+        prepare: Callable[[int], None],
+        out: NDArray[np.uint8],
+        is_planar: bool,
+        threads: int,
+    ) -> None:
+        """Draw many pictures on some threads, as `draw` does, one after the other into `out`.
 
-    def forget(self) -> None:
-        """Forget what was kept."""
+        `prepare` is called with 0, 1, ... and has this canvas read what is drawn; threads draw meanwhile.
+        """
 
-    def draw_kept(self, out: NDArray[np.uint8], is_planar: bool, threads: int) -> None:
-        """Draw all that was kept on some threads, as `draw` does, one picture after the other into `out`."""
+    def draw_all_depth(
+        self, count: int, prepare: Callable[[int], None], out: NDArray[np.float32], threads: int
+    ) -> None:
+        """As `draw_all`, for distances."""
 
-    def draw_kept_depth(self, out: NDArray[np.float32], threads: int) -> None:
-        """As `draw_kept`, for distances."""
-
-    def draw_kept_tags(self, out: NDArray[np.int32], threads: int) -> None:
-        """As `draw_kept`, for segmentation."""
+    def draw_all_tags(
+        self, count: int, prepare: Callable[[int], None], out: NDArray[np.int32], threads: int
+    ) -> None:
+        """As `draw_all`, for segmentation."""
 
     @staticmethod
     def orbit(

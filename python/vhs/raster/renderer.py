@@ -32,8 +32,6 @@ Antialias = Literal["off", "multisample", "supersample"]
 # Numbers of MuJoCo's enumerations (mjvisualize.h); part of its file format, so they do not change.
 _CATEGORIES_ALL = 7
 _VIS_TEXTURE = 1
-_TOGETHER = 64
-"""Pictures of a batch that are prepared before threads draw them: bounds the memory that waits."""
 _SPARE_GEOMS = 1000
 """Room for geoms that are not in the model: contacts, frames, markers of the caller."""
 
@@ -201,8 +199,8 @@ class RasterRenderer:
     ) -> NDArray[Any]:
         """Draws many states of the model, each through one camera or several, on several threads.
 
-        The pictures are those of `update_scene` and `render`, whatever the number of threads. The interpreter
-        lock is free while threads draw.
+        The pictures are those of `update_scene` and `render`, whatever the number of threads. Threads draw
+        without the interpreter lock, the first pictures while this thread prepares the others.
 
         Args:
             datas: N `mujoco.MjData` of this model.
@@ -231,22 +229,20 @@ class RasterRenderer:
             raise ShapeError(f"`out`: expected shape {(*lead, *shape)}, got {out.shape}")
         is_direct = out.dtype == dtype and out.flags.c_contiguous
         target = out if is_direct else np.empty(out.shape, dtype)
-        pictures = target.reshape(-1, *out.shape[len(lead) :])
-        done = kept = 0
-        try:
-            for data in datas:
-                for number, one in enumerate(cameras):
-                    self._look(canvas, data, one, scene_option, is_same=number > 0)
-                    if number == 0:
-                        canvas.take(self._scene.ngeom, self._scene.nlight)
-                    canvas.keep()
-                    kept += 1
-                if kept >= _TOGETHER:
-                    self._draw_kept(canvas, pictures[done : done + kept], is_planar, threads)
-                    done, kept = done + kept, 0
-            self._draw_kept(canvas, pictures[done:], is_planar, threads)
-        finally:
-            canvas.forget()
+
+        def prepare(picture: int) -> None:
+            state, number = divmod(picture, len(cameras))
+            self._look(canvas, datas[state], cameras[number], scene_option, is_same=number > 0)
+            if number == 0:
+                canvas.take(self._scene.ngeom, self._scene.nlight)
+
+        count = len(datas) * len(cameras)
+        if self._mode == "depth":
+            canvas.draw_all_depth(count, prepare, target, threads)
+        elif self._mode == "segmentation":
+            canvas.draw_all_tags(count, prepare, target, threads)
+        else:
+            canvas.draw_all(count, prepare, target, is_planar, threads)
         if target is not out:
             np.copyto(out, target, casting="unsafe")
         return out
@@ -285,14 +281,6 @@ class RasterRenderer:
         self._mujoco.mjv_updateScene(model, data, option, None, abstract, _CATEGORIES_ALL, self._scene)
         if self._has_softs:
             canvas.set_softs(*softs_of(model, self._scene))
-
-    def _draw_kept(self, canvas: RasterCanvas, pictures: NDArray[Any], is_planar: bool, threads: int) -> None:
-        if self._mode == "depth":
-            canvas.draw_kept_depth(pictures, threads)
-        elif self._mode == "segmentation":
-            canvas.draw_kept_tags(pictures, threads)
-        else:
-            canvas.draw_kept(pictures, is_planar, threads)
 
     def _is_planar(self, found: tuple[int, ...], expected: tuple[int, ...]) -> bool:
         """Whether a picture has its colours channel by channel."""

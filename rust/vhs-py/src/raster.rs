@@ -37,10 +37,23 @@ struct State {
     softs: Softs,
     geoms: Vec<Geom>,
     lights: Vec<Light>,
-    /// Views that wait to be drawn together.
-    kept: Vec<View>,
     /// Canvases of threads.
     helpers: Vec<Canvas>,
+}
+
+/// What ends a batch early.
+struct Failure(PyErr);
+
+impl From<PyErr> for Failure {
+    fn from(error: PyErr) -> Self {
+        Self(error)
+    }
+}
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Self {
+        Self(to_py(error))
+    }
 }
 
 /// Vertices, normals, texture coordinates and faces of a surface that bends.
@@ -73,31 +86,29 @@ impl RasterCanvas {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Draws the kept views on some threads without the interpreter lock, and forgets them.
+    /// Draws what `prepare(0)`, `prepare(1)`, ... have this canvas read, on some threads without the interpreter lock.
     fn drawn_together<T: Send>(
         &self,
-        py: Python<'_>,
+        (count, prepare): (usize, &Bound<'_, PyAny>),
         threads: usize,
         out: &mut [T],
-        draw: impl Fn(&mut Canvas, &View, &mut [T]) -> Result<()> + Send + Sync,
+        draw: impl Fn(&mut Canvas, &View, &mut [T]) -> Result<()> + Sync,
     ) -> PyResult<()> {
-        py.detach(|| {
-            let mut state = self.lock();
-            let State {
-                canvas,
-                kept,
-                helpers,
-                ..
-            } = &mut *state;
-            let (height, width) = canvas.size();
-            while helpers.len() < threads.clamp(1, MOST_THREADS) {
-                helpers.push(Canvas::new(height, width, self.antialias)?);
-            }
-            let helpers = &mut helpers[..threads.clamp(1, MOST_THREADS)];
-            let views = std::mem::take(kept);
-            draw_all(helpers, &views, out, draw)
-        })
-        .map_err(to_py)
+        let mut helpers = std::mem::take(&mut self.lock().helpers);
+        let (height, width) = self.lock().canvas.size();
+        let threads = threads.clamp(1, MOST_THREADS);
+        while helpers.len() < threads {
+            helpers.push(Canvas::new(height, width, self.antialias).map_err(to_py)?);
+        }
+        let view = |number| {
+            prepare.call1((number,))?;
+            Ok(self.lock().view.clone())
+        };
+        let detached = |work: &mut (dyn FnMut() + Send)| prepare.py().detach(work);
+        let draw = |canvas: &mut Canvas, view: &View, out: &mut [T]| Ok(draw(canvas, view, out)?);
+        let result = draw_all(&mut helpers[..threads], (count, out), view, detached, draw);
+        self.lock().helpers = helpers;
+        result.map_err(|Failure(error)| error)
     }
 
     /// Draws without the interpreter lock.
@@ -148,7 +159,6 @@ impl RasterCanvas {
             softs: Softs::default(),
             geoms: Vec::new(),
             lights: Vec::new(),
-            kept: Vec::new(),
             helpers: Vec::new(),
         };
         Ok(Self {
@@ -288,53 +298,44 @@ impl RasterCanvas {
         self.drawn(py, |canvas, view| canvas.draw_tags(view, out))
     }
 
-    #[doc = stub!("RasterCanvas.keep")]
-    fn keep(&self) {
-        let mut state = self.lock();
-        let view = state.view.clone();
-        state.kept.push(view);
-    }
-
-    #[doc = stub!("RasterCanvas.forget")]
-    fn forget(&self) {
-        self.lock().kept.clear();
-    }
-
-    #[doc = stub!("RasterCanvas.draw_kept")]
-    fn draw_kept(
+    #[doc = stub!("RasterCanvas.draw_all")]
+    fn draw_all(
         &self,
-        py: Python<'_>,
+        count: usize,
+        prepare: &Bound<'_, PyAny>,
         mut out: PyReadwriteArrayDyn<'_, u8>,
         is_planar: bool,
         threads: usize,
     ) -> PyResult<()> {
         let out = out.as_slice_mut().map_err(gaps("out"))?;
         let layout = layout_of(is_planar);
-        self.drawn_together(py, threads, out, |canvas, view, out| {
+        self.drawn_together((count, prepare), threads, out, |canvas, view, out| {
             canvas.draw(view, layout, out)
         })
     }
 
-    #[doc = stub!("RasterCanvas.draw_kept_depth")]
-    fn draw_kept_depth(
+    #[doc = stub!("RasterCanvas.draw_all_depth")]
+    fn draw_all_depth(
         &self,
-        py: Python<'_>,
+        count: usize,
+        prepare: &Bound<'_, PyAny>,
         mut out: PyReadwriteArrayDyn<'_, f32>,
         threads: usize,
     ) -> PyResult<()> {
         let out = out.as_slice_mut().map_err(gaps("out"))?;
-        self.drawn_together(py, threads, out, Canvas::draw_depth)
+        self.drawn_together((count, prepare), threads, out, Canvas::draw_depth)
     }
 
-    #[doc = stub!("RasterCanvas.draw_kept_tags")]
-    fn draw_kept_tags(
+    #[doc = stub!("RasterCanvas.draw_all_tags")]
+    fn draw_all_tags(
         &self,
-        py: Python<'_>,
+        count: usize,
+        prepare: &Bound<'_, PyAny>,
         mut out: PyReadwriteArrayDyn<'_, i32>,
         threads: usize,
     ) -> PyResult<()> {
         let out = out.as_slice_mut().map_err(gaps("out"))?;
-        self.drawn_together(py, threads, out, Canvas::draw_tags)
+        self.drawn_together((count, prepare), threads, out, Canvas::draw_tags)
     }
 
     #[doc = stub!("RasterCanvas.orbit")]
