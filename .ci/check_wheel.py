@@ -24,6 +24,8 @@ ROOT = Path(__file__).parents[1]
 LIBRARY = "import vhs; assert len(vhs.GoalStore(2, (2, 2, 3), capacity_per_class=5, seed=0)) == 0"
 FOLDERS = {"python/": "", "configs/": "vhs/configs/", "pretrained/": "vhs/pretrained/"}
 """Of the checkout, and where they are in a wheel."""
+LINK = "120000"
+"""Mode of a symbolic link in git."""
 
 
 def main() -> None:
@@ -41,11 +43,13 @@ def main() -> None:
 
 def shipped_files() -> set[str]:
     """What a wheel holds of the checkout, by its path there: the package, its configurations and agents."""
-    told = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    command = ["git", "ls-files", "--stage"]
+    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
     files = set()
-    for path in told.splitlines():
+    for line in told.splitlines():
+        mode, _, path = line.partition(" ")[0], *line.partition("\t")[1:]
         for folder, place in FOLDERS.items():
-            if path.startswith(folder) and not (ROOT / path).is_dir():
+            if mode != LINK and path.startswith(folder):
                 files.add(place + path.removeprefix(folder))
     return files
 
