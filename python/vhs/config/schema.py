@@ -24,6 +24,7 @@ NonNegativeFloat = Annotated[float, Field(ge=0.0)]
 PositiveFloat = Annotated[float, Field(gt=0.0)]
 Degrees = Annotated[float, Field(ge=0.0, le=180.0)]
 OutcomeName = Literal["success", "failure", "timeout"]
+LoggerName = Literal["tensorboard", "trackio", "wandb", "mlflow"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,6 +230,12 @@ class TrainSection(_Section):
     """Episodes between two rows of the log; rates are over that window."""
     checkpoint_every_s: PositiveFloat = 300.0
     """Seconds between two checkpoints."""
+    loggers: tuple[LoggerName, ...] = ("tensorboard",)
+    """Where rows, films and pictures go besides `log.jsonl` and `media/`: any of `tensorboard`, `trackio`,
+    `wandb` and `mlflow`, of which each but the first is an extra."""
+    media_every: PositiveInt | None = None
+    """Episodes between two films of an episode and pictures of stored goals, for `media/` and the loggers;
+    null makes none."""
     keep_checkpoints: PositiveInt = 2
     """Newest checkpoints that are kept, each a few MB beside the goal store."""
 

@@ -46,6 +46,8 @@ MAY_CHANGE = frozenset(
         "train.threads",
         "train.device",
         "train.log_every",
+        "train.loggers",
+        "train.media_every",
     }
 )
 """Keys that a resumed run may set anew: none of them changes what is learned from an episode, but for

@@ -30,6 +30,13 @@ class Logger(Protocol):
             OutputError: it cannot be written.
         """
 
+    def show(self, name: str, path: Path, episodes: int) -> None:
+        """Take a picture (.png) or a film (.gif) that was made at an episode.
+
+        Raises:
+            OutputError: it cannot be written.
+        """
+
     def close(self) -> None:
         """End; further calls do nothing."""
 
@@ -50,7 +57,10 @@ class JsonLog:
             OutputError: the log cannot be written.
         """
         self._path = run / LOG_NAME
-        rows = [row for row in read_log(run) if row["episodes"] <= kept]
+        written = read_log(run)
+        self.seen = max((row["episodes"] for row in written), default=0)
+        """The last episode of a row that was ever written: those up to it are made again."""
+        rows = [row for row in written if row["episodes"] <= kept]
         found = rows[-1]["episodes"] if rows else 0
         if found < kept and self._path.exists():
             raise CheckpointError(
@@ -110,6 +120,16 @@ class BoardLog:
             for key, value in row.items():
                 if isinstance(value, int | float) and key != "episodes":
                     self._board.add_scalar(key, value, row["episodes"])
+
+    def show(self, name: str, path: Path, episodes: int) -> None:
+        """Add a picture or a film."""
+        from tensorboard.compat.proto.summary_pb2 import Summary
+
+        with writing(self._path):
+            picture = Summary.Image(encoded_image_string=path.read_bytes(), colorspace=3)
+            summary = Summary(value=[Summary.Value(tag=name, image=picture)])
+            writer: Any = self._board.file_writer
+            writer.add_summary(summary, episodes)
 
     def close(self) -> None:
         """Write out what waits."""

@@ -1,21 +1,27 @@
-"""What a training writes down and tells: every row to each of its loggers, and words to the person."""
+"""What a training writes down and tells: rows, pictures and films to its loggers, and words to the person."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TextIO
 
+from vhs.config import Config
 from vhs.console import Output
+from vhs.errors import OutputError
 from vhs.runs.log import BoardLog, JsonLog, Logger, finite
+from vhs.runs.loggers import open_loggers
 from vhs.runs.rows import LOG_NAME
 from vhs.train.display import TrainingDisplay
 
 
 class TrainingLog:
-    """The log of a run, TensorBoard and the terminal as one."""
+    """The log of a run, its further loggers and the terminal as one.
+
+    A further logger that fails is told of once and left out: the run goes on.
+    """
 
     def __init__(
         self,
@@ -25,6 +31,7 @@ class TrainingLog:
         stream: TextIO | None = None,
         *,
         logged: int | None = None,
+        config: Config | None = None,
     ) -> None:
         """Open the log for appending.
 
@@ -35,6 +42,7 @@ class TrainingLog:
             stream: where a person reads along; standard output by default.
             logged: the last episode of the last whole row before the checkpoint; `first_episode` by default.
                 Rows that end behind it are made again by the resumed run.
+            config: names the further loggers; TensorBoard alone by default.
 
         Raises:
             CheckpointError: a line of the present log is damaged.
@@ -47,12 +55,10 @@ class TrainingLog:
             self._display = opened.enter_context(
                 closing(TrainingDisplay(Output(stream), total_episodes, first_episode))
             )
-            self._loggers: list[Logger] = [self._rows, self._display]
-            if BoardLog.takes(run):
-                self._loggers.append(opened.enter_context(closing(BoardLog(run, kept))))
-            else:
-                self.say(f"{run}: no TensorBoard events: it takes no path that is not UTF-8")
+            self._loggers = open_loggers(config or Config(), run, kept)
             self._opened = opened.pop_all()
+        if not BoardLog.takes(run):
+            self.say(f"{run}: no TensorBoard events: it takes no path that is not UTF-8")
         if is_lost:
             self.say(f"{run / LOG_NAME}: is gone; the log goes on behind episode {kept}")
 
@@ -66,8 +72,14 @@ class TrainingLog:
         Raises:
             OutputError: it cannot be written.
         """
-        for logger in self._loggers:
-            logger.write(finite(row))
+        row = finite(row)
+        self._rows.write(row)
+        self._display.write(row)
+        self._to_each(lambda logger: logger.write(row), row["episodes"])
+
+    def show(self, name: str, path: Path, episodes: int) -> None:
+        """Hand a picture or a film to every logger; they keep what they take of it."""
+        self._to_each(lambda logger: logger.show(name, path, episodes), episodes)
 
     def sync(self) -> None:
         """Put the rows on the disk: a checkpoint that counts on them is about to be put there."""
@@ -85,4 +97,19 @@ class TrainingLog:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Close everything, whatever happened."""
-        self._opened.close()
+        with self._opened:
+            self._to_each(lambda logger: logger.close())
+
+    def _to_each(self, do: Callable[[Logger], None], episodes: int | None = None) -> None:
+        """Do something with every further logger; what an earlier start did up to an episode stays done."""
+        for logger in tuple(self._loggers):
+            is_board = isinstance(logger, BoardLog)  # which drops what was written behind the checkpoint
+            if episodes is not None and episodes <= self._rows.seen and not is_board:
+                continue
+            try:
+                do(logger)
+            except OutputError:
+                raise
+            except Exception as error:  # whatever somebody else's library raises
+                self._loggers.remove(logger)
+                self.say(f"{type(logger).__name__}: {error}; the run goes on without it")

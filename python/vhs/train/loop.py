@@ -33,6 +33,7 @@ from vhs.interrupt import stop_on_signal
 from vhs.models import ExtractorFactory
 from vhs.runs.checkpoint import fitting, has_checkpoint, load_checkpoint, save_checkpoint
 from vhs.runs.directory import check_run, fixed_settings, open_run
+from vhs.runs.loggers import check_loggers
 from vhs.runs.window import Window
 from vhs.task import Task, TaskSpec
 from vhs.train.build import make_learner
@@ -90,6 +91,7 @@ def train(
     spec = learn_spec(config, task)
     config = settled(config, spec)
     check_run(config, run)
+    check_loggers(config)
     torch.set_num_threads(config.train.threads)
     keep_freed_memory()
     session = Session(config, run, task, spec, extractor)
@@ -107,6 +109,7 @@ def train(
             session.progress.episodes,
             stream,
             logged=session.rows_until,
+            config=config,
         ) as log,
         stop_on_signal() as stop,
     ):
@@ -153,6 +156,7 @@ class Session:
         self._config = config
         self._run = run
         self._task = task
+        self._extractor = extractor
         self.progress = Progress()
         self.dropped = 0
         """Episodes of the checkpoint that could not be brought back."""
@@ -211,12 +215,17 @@ class Session:
         if len(self._waiting) < self._config.train.episodes_per_update:
             self._waiting.extend(self._episodes.step())
             return
+        before = self.progress.episodes
         self._learn()
         log.advance(self.progress.episodes)
         if len(self._window.episodes) >= self._config.train.log_every:
             self._write_row(log)
             self._doubt(log)
             self._window, self.progress.logged = Window(), self.progress.episodes
+        every = self._config.train.media_every
+        if every is not None and self.progress.episodes // every > before // every:
+            self.save(log)
+            self._show(log)
         if time.monotonic() - self._save_clock >= self._config.train.checkpoint_every_s:
             self.save(log)
 
@@ -265,6 +274,13 @@ class Session:
         row |= {f"goals/{label}": int(count) for label, count in enumerate(self._learner.goals.counts)}
         self._row_clock, self._row_steps = now, self.progress.env_steps
         return row
+
+    def _show(self, log: TrainingLog) -> None:
+        """Make a film and a picture of goals by the checkpoint just saved: what learns is not touched."""
+        from vhs.train.media import make_media
+
+        for name, path in make_media(self._run, self._task, self._extractor).items():
+            log.show(name, path, self.progress.episodes)
 
     def finish(self, log: TrainingLog) -> None:
         """Save; episodes since the last row get a shorter row of their own, so that the log misses none.
