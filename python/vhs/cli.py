@@ -21,7 +21,10 @@ from vhs.distribution import find_agent, find_sweep, pip_install
 if TYPE_CHECKING:
     from vhs import Task
 
-_RUN_OR_AGENT = "directory of a run or of an exported agent, or one of ours by name: task1, task2, task3"
+_RUN_OR_AGENT = (
+    "directory of a run or of an exported agent, one of ours by name (task1, task2, task3), or one of the "
+    "Hugging Face Hub (hf://user/name)"
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -63,6 +66,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_export(
         commands.add_parser("export", help="write a trained agent to a directory small enough to ship")
     )
+    _add_push(commands.add_parser("push", help="push a trained agent to the Hugging Face Hub, with a card"))
     _add_sweep(commands.add_parser("sweep", help="train and evaluate a grid of configurations and seeds"))
     _add_compare(commands.add_parser("compare", help="compare trained agents over their seeds"))
     _add_play(commands.add_parser("play", help="watch a trained agent, or drive the robot"))
@@ -82,7 +86,7 @@ def _add_train(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_eval(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("run_directory", type=find_agent, metavar="RUN", help=_RUN_OR_AGENT)
+    parser.add_argument("run_directory", type=_named, metavar="RUN", help=_RUN_OR_AGENT)
     parser.add_argument(
         "--episodes", type=_positive, default=300, metavar="N", help="episodes to play (default: 300)"
     )
@@ -98,6 +102,23 @@ def _add_export(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("directory", type=Path, metavar="DIR", help="a new directory for the agent")
     _add_task(parser)
     parser.set_defaults(run=_export)
+
+
+def _add_push(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "run_directory", type=find_agent, metavar="RUN", help="directory of a run or of an exported agent"
+    )
+    parser.add_argument("name", metavar="USER/NAME", help="where to; made where there is none yet")
+    parser.add_argument(
+        "--episodes",
+        type=_positive,
+        default=300,
+        metavar="N",
+        help="episodes to evaluate where the agent was not evaluated yet (default: 300)",
+    )
+    parser.add_argument("--private", action="store_true", help="a new repository is seen by its owner alone")
+    _add_task(parser)
+    parser.set_defaults(run=_push, extra="hub")
 
 
 def _add_sweep(parser: argparse.ArgumentParser) -> None:
@@ -140,7 +161,7 @@ def _add_compare(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_play(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("run_directory", type=find_agent, metavar="RUN", help=_RUN_OR_AGENT)
+    parser.add_argument("run_directory", type=_named, metavar="RUN", help=_RUN_OR_AGENT)
     parser.add_argument(
         "--episodes", type=_positive, default=3, metavar="N", help="episodes to play (default: 3)"
     )
@@ -217,6 +238,21 @@ def _add_config(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _named(text: str) -> Path | str:
+    """What is named as a RUN: a path, or an agent of the Hub, which is fetched when it is needed."""
+    return text if text.startswith("hf://") else find_agent(text)
+
+
+def _run_of(options: argparse.Namespace) -> Path:
+    """The directory of a RUN, fetched if it is on the Hub."""
+    if isinstance(options.run_directory, Path):
+        return options.run_directory
+    from vhs.runs.remote import fetch_agent
+
+    options.extra = "hub"
+    return fetch_agent(options.run_directory)
+
+
 def _train(options: argparse.Namespace) -> int:
     from vhs.config import load_config
     from vhs.runs.directory import default_run_directory
@@ -232,17 +268,18 @@ def _eval(options: argparse.Namespace) -> int:
     from vhs.eval import evaluate, record_evaluation
     from vhs.runs.directory import is_exported
 
+    run = _run_of(options)
     result = evaluate(
-        options.run_directory,
+        run,
         episodes=options.episodes,
         seed=options.seed,
         greedy=options.greedy,
-        task=_told_task(options, options.run_directory),
+        task=_told_task(options, run),
     ).as_dict()
     try:
         # An exported agent is what it was when it was shipped, its evaluations too.
-        if not is_exported(options.run_directory):
-            record_evaluation(options.run_directory, result)
+        if not is_exported(run):
+            record_evaluation(run, result)
     except OutputError as error:
         # The result comes to the screen, so a run on a read-only disk is no failure.
         options.warn(f"vhs: {error}; the evaluation is not recorded")
@@ -272,6 +309,18 @@ def _export(options: argparse.Namespace) -> int:
     size = sum(path.stat().st_size for path in options.directory.iterdir())
     options.say(f"exported {options.directory} ({trained.trained_episodes} episodes, {size / 1e6:.1f} MB)")
     options.say(f"evaluate it:  vhs eval {options.directory}")
+    return 0
+
+
+def _push(options: argparse.Namespace) -> int:
+    from vhs.hub import push
+
+    task = _told_task(options, options.run_directory)
+    address = push(
+        options.run_directory, options.name, episodes=options.episodes, task=task, private=options.private
+    )
+    options.say(f"pushed {address}")
+    options.say(f"evaluate it:  vhs eval hf://{options.name.removeprefix('hf://')}")
     return 0
 
 
@@ -311,14 +360,15 @@ def _share(text: str) -> float:
 def _play(options: argparse.Namespace) -> int:
     from vhs.play import play
 
+    run = _run_of(options)
     done = play(
-        options.run_directory,
+        run,
         episodes=options.episodes,
         seed=options.seed,
         greedy=options.greedy,
         out=options.out,
         is_human=options.human,
-        task=_told_task(options, options.run_directory),
+        task=_told_task(options, run),
     )
     options.say(done)
     return 0

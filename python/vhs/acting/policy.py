@@ -33,6 +33,7 @@ from vhs.reading import read_bounded
 from vhs.runs.agent_file import check_limits, read_agent
 from vhs.runs.checkpoint import fitting, load_checkpoint
 from vhs.runs.directory import AGENT_NAME, CONFIG_NAME, check_settings, is_exported, read_config
+from vhs.runs.remote import fetch_agent, is_on_hub
 from vhs.task import Task, TaskSpec
 
 
@@ -125,7 +126,7 @@ def load_agent(
 
     Args:
         path: directory of the run or of the exported agent, or the name of an agent that comes with the
-            package: ``task1``, ``task2``, ``task3``.
+            package, ``task1`` to ``task3``, or ``hf://user/name`` on the Hugging Face Hub.
         task: what it was trained on; None: the task that its configuration names.
         extractor: what made its feature extractor, where `train` was given one.
 
@@ -133,7 +134,7 @@ def load_agent(
         CheckpointError: neither is there, it is damaged, or it does not fit its own configuration.
         ConfigError: its configuration cannot run here, or an exported agent's task is no room and not given.
     """
-    path = find_agent(path)
+    path = fetch_agent(path) if is_on_hub(path) else find_agent(path)
     config = to_act_here(read_config(path))
     if task is None and is_exported(path) and not is_room(config):
         raise ConfigError(

@@ -38,7 +38,8 @@ _RNG = _PROTOTYPES + "rng"
 _DIGEST = "sha256"
 CONFIG_DIGEST = "config_sha256"
 """Of the metadata: the digest of the configuration beside the file; vhs up to 0.1.0 wrote none."""
-_MOST_BYTES = 2**30
+MOST_BYTES = 2**30
+"""Of the file of an agent."""
 _MOST_HEADER_BYTES = 10_000_000
 _LIMITS = {
     "env.num_envs": 4_096,
@@ -123,7 +124,7 @@ def read_agent(path: Path) -> AgentFile:
             numbers that are not finite.
     """
     try:
-        content = read_bounded(path, _MOST_BYTES)
+        content = read_bounded(path, MOST_BYTES)
         about, tensors = _header(content).get("__metadata__", {}), load(content)
     except (OSError, SafetensorError, ValueError, RecursionError) as error:
         raise CheckpointError(f"{path}: damaged agent: {error}") from error
