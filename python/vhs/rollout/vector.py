@@ -62,6 +62,7 @@ class RolloutVectorEnv(VectorEnv[Any, Any, Arrays]):
             RuntimeError: environments whose spaces are not those of the first one.
             Exception: as `RolloutPool`.
         """
+        self.closed = True  # gymnasium closes what was refused, too: until the end there is nothing to close
         if pool.get("on_error") == "drop":
             raise ArgumentError(
                 "on_error: expected 'raise' or 'restart', got 'drop': a VectorEnv keeps its size"
@@ -93,6 +94,7 @@ class RolloutVectorEnv(VectorEnv[Any, Any, Arrays]):
         """Its answers, if they were received before an interrupt came."""
         self._asked = np.arange(self.num_envs)
         """Environments of a pending `reset`."""
+        self.closed = False
 
     def _batched(self, mode: Any) -> Space[Any]:
         """The space of all observations together."""
