@@ -1,9 +1,11 @@
 """What an installed package brings along, found by name from anywhere."""
 
+import tomllib
 from pathlib import Path
 
 import pytest
 
+from vhs import __version__
 from vhs.acting.policy import load_agent
 from vhs.cli import main
 from vhs.config import load_config
@@ -49,3 +51,11 @@ def test_a_shipped_agent_is_evaluated_by_its_name(
     monkeypatch.chdir(tmp_path)
     assert main(["eval", "task2", "--episodes", "1"]) == 0
     assert "trained_episodes" in capsys.readouterr().out
+
+
+def test_the_version_is_the_same_wherever_it_is_said() -> None:
+    manifest = tomllib.loads((ROOT / "Cargo.toml").read_text(encoding="utf-8"))["workspace"]
+    crates = {crate["version"] for crate in manifest["dependencies"].values() if "path" in crate}
+    assert {manifest["package"]["version"]} == crates == {__version__}
+    assert f"\nversion: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\n## {__version__} (" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
