@@ -1042,14 +1042,14 @@ class TransitionBatch:
         """Rewards under the row's goal, float32 [n]; the discounted sum where there are several steps."""
 
     @property
-    def lengths(self) -> NDArray[np.int64]:
-        """Steps that each reward is summed over, int64 [n]: at most `n_step`."""
+    def lengths(self) -> NDArray[np.int64] | None:
+        """Steps that each reward is summed over, at most `n_step`, int64 [n]; None without a gamma."""
 
     @property
-    def discounts(self) -> NDArray[np.float32]:
+    def discounts(self) -> NDArray[np.float32] | None:
         """`gamma` to the power of `lengths`, float32 [n]: what is expected after the row is worth so much.
 
-        1 where no gamma was given.
+        None where no gamma was given.
         """
 
     @property

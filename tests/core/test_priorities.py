@@ -40,12 +40,17 @@ def test_a_learner_prefers_steps_of_large_errors() -> None:
     assert batch.weights[favourite] == pytest.approx(7**-0.5)
     assert batch.weights[~favourite] == pytest.approx(1)
     plain = buffer.sample_transitions(100)
-    assert plain.weights is None
-    assert plain.lengths.tolist() == plain.discounts.tolist() == [1] * 100
+    assert plain.weights is plain.lengths is plain.discounts is None
+    once = buffer.sample_transitions(100, gamma=0.5)
+    assert once.lengths is not None
+    assert once.discounts is not None
+    assert (once.lengths.tolist(), once.discounts.tolist()) == ([1] * 100, [0.5] * 100)
 
 
 def test_sums_of_steps_end_with_their_episode() -> None:
     batch = filled().sample_transitions(60, n_step=2, gamma=0.5)
+    assert batch.lengths is not None
+    assert batch.discounts is not None
     sums = {(0, 0): 0.5, (0, 1): 2, (0, 2): 2, (1, 0): 5, (1, 1): 4}
     for row, place in enumerate(zip(batch.ids.tolist(), batch.steps.tolist(), strict=True)):
         assert batch.rewards[row] == sums[place]
@@ -58,6 +63,7 @@ def test_sums_of_steps_end_with_their_episode() -> None:
 def test_sums_with_hindsight_stop_where_the_new_goal_is_reached(strategy: str) -> None:
     recording = record([5, 6, 3, 1], "vectors")
     batch = recording.buffer.sample_transitions(80, strategy, ratio=4, n_step=3, gamma=0.9)
+    assert batch.lengths is not None
     for row in np.flatnonzero(batch.relabelled):
         start, source = int(batch.steps[row]), (int(batch.goal_ids[row]), int(batch.goal_steps[row]))
         after = [(int(batch.ids[row]), t) for t in range(start + 1, start + 4)]
@@ -73,7 +79,7 @@ def test_sums_with_hindsight_stop_where_the_new_goal_is_reached(strategy: str) -
 @pytest.mark.parametrize(
     ("given", "error", "told"),
     [
-        ({"n_step": 2}, vhs.ArgumentError, "`gamma`: expected a discount in 0..=1 beside n_step, got None"),
+        ({"n_step": 2}, vhs.ArgumentError, "`gamma`: expected a discount in 0..=1 beside n_step, got none"),
         ({"n_step": 0, "gamma": 1.0}, vhs.ArgumentError, "`n_step`: expected a number in 1..=1048576, got 0"),
         ({"gamma": 1.5}, vhs.ArgumentError, "`gamma`: expected a number in 0..=1, got 1.5"),
         ({"beta": float("nan")}, vhs.ArgumentError, "`beta`: expected a number in 0..=1, got NaN"),

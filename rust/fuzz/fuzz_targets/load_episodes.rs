@@ -90,7 +90,7 @@ fuzz_target!(|data: &[u8]| {
                 rule: Some(&rule),
                 reward: Some(&reward),
                 n_step: 3,
-                gamma: 0.9,
+                gamma: Some(0.9),
                 beta: buffer.config().priority_exponent.map(|_| 0.5),
             };
             buffer

@@ -1,6 +1,6 @@
 //! `vhs.TransitionBatch` and `vhs.WindowBatch`: the arrays of what was sampled.
 
-use numpy::PyArrayDyn;
+use numpy::{Element, PyArrayDyn};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use vhs_core::picks::GoalIndex;
@@ -39,9 +39,9 @@ pub(crate) struct TransitionBatch {
     #[doc = stub!("TransitionBatch.truncated")]
     truncated: Py<PyArrayDyn<bool>>,
     #[doc = stub!("TransitionBatch.lengths")]
-    lengths: Py<PyArrayDyn<i64>>,
+    lengths: Option<Py<PyArrayDyn<i64>>>,
     #[doc = stub!("TransitionBatch.discounts")]
-    discounts: Py<PyArrayDyn<f32>>,
+    discounts: Option<Py<PyArrayDyn<f32>>>,
     #[doc = stub!("TransitionBatch.weights")]
     weights: Option<Py<PyArrayDyn<f32>>>,
     #[doc = stub!("TransitionBatch.relabelled")]
@@ -146,14 +146,10 @@ impl TransitionBatch {
             previous_achieved_goals,
         ] = large.map(|part| part.map(Bound::unbind));
         let index_of_goals = Goals::from_core(py, index.goals)?;
-        let weights = match index.weights {
-            weights if weights.is_empty() => None,
-            weights => Some(into_array(py, weights, &n)?.unbind()),
-        };
         Ok(Self {
-            weights,
-            lengths: into_array(py, index.lengths, &n)?.unbind(),
-            discounts: into_array(py, index.discounts, &n)?.unbind(),
+            weights: some(py, index.weights, &n)?,
+            lengths: some(py, index.lengths, &n)?,
+            discounts: some(py, index.discounts, &n)?,
             observations,
             next_observations,
             goals,
@@ -210,6 +206,18 @@ impl WindowBatch {
             interactions: index_of_goals.interactions,
         })
     }
+}
+
+/// An array that a batch may be without.
+fn some<T: Element>(
+    py: Python<'_>,
+    items: Vec<T>,
+    shape: &[usize],
+) -> PyResult<Option<Py<PyArrayDyn<T>>>> {
+    if items.is_empty() {
+        return Ok(None);
+    }
+    into_array(py, items, shape).map(|array| Some(array.unbind()))
 }
 
 /// Numbered actions as int64, continuous ones as float32 with one more dimension.

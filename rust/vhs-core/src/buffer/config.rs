@@ -263,11 +263,6 @@ impl EpisodeConfig {
         self.stacking.of_shape(&self.frame_shape, self.frame_stack)
     }
 
-    /// Bytes of the channels of one pixel of a frame.
-    pub(crate) fn pixel_bytes(&self) -> usize {
-        self.frame_shape.last().copied().unwrap_or(1) * self.frame_item.bytes()
-    }
-
     /// Bytes of one frame.
     #[must_use]
     pub fn frame_bytes(&self) -> usize {

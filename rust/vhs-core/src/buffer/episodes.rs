@@ -390,7 +390,8 @@ impl EpisodeBuffer {
             slab: &self.slab,
             stack: self.config.frame_stack,
             stacking: self.config.stacking,
-            pixel: self.config.pixel_bytes(),
+            shape: &self.config.frame_shape,
+            item: self.config.frame_item,
         }
     }
 
@@ -406,7 +407,8 @@ impl EpisodeBuffer {
                     1
                 },
                 stacking: self.config.stacking,
-                pixel: field.shape.last().copied().unwrap_or(1) * field.item.bytes(),
+                shape: &field.shape,
+                item: field.item,
             };
             (field, layer)
         })
@@ -464,7 +466,10 @@ impl EpisodeBuffer {
             return Ok(());
         }
         self.note_left(count)?;
-        for oldest in self.finished.drain(..count).collect::<Vec<_>>() {
+        for _ in 0..count {
+            let Some(oldest) = self.finished.pop_front() else {
+                break;
+            };
             let first = self.steps_before.pop_front();
             if let (Some(first), Some(priorities)) = (first, &mut self.priorities) {
                 priorities.remove(first, oldest.len());

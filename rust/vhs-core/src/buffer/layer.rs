@@ -4,6 +4,7 @@
 //! steps under that of the frame which the step led to.
 
 use crate::buffer::episode::Episode;
+use crate::item::Item;
 use crate::storage::slab::{Slab, copy_parts};
 use crate::storage::stacking::{Stacking, interleave};
 
@@ -14,8 +15,9 @@ pub(crate) struct Layer<'a> {
     /// Records of a row.
     pub(crate) stack: usize,
     pub(crate) stacking: Stacking,
-    /// Bytes of the last dimension of a record.
-    pub(crate) pixel: usize,
+    /// Shape of a record, and the type of its elements.
+    pub(crate) shape: &'a [usize],
+    pub(crate) item: Item,
 }
 
 impl<'a> Layer<'a> {
@@ -41,7 +43,10 @@ impl<'a> Layer<'a> {
         let records = self.records(episode, t);
         match self.stacking {
             Stacking::Frames => copy_parts(records, out),
-            Stacking::Channels => interleave(records, self.pixel, out),
+            Stacking::Channels => {
+                let channels = self.shape.last().copied().unwrap_or(1);
+                interleave(records, channels * self.item.bytes(), out);
+            }
         }
     }
 

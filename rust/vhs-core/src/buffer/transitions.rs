@@ -12,7 +12,7 @@ use crate::hindsight::strategy::HindsightRule;
 use crate::labels::{class_of, label_of};
 use crate::storage::pool::Bytes;
 use vhs_base::check::{check_finite, check_fraction, check_range, check_shape, product};
-use vhs_base::error::Result;
+use vhs_base::error::{Error, Result};
 use vhs_base::interrupt;
 use vhs_base::rng::Rng;
 
@@ -31,9 +31,9 @@ pub struct TransitionIndex {
     pub terminated: Vec<bool>,
     /// Whether a limit cut the episode off after that step, `[n]`.
     pub truncated: Vec<bool>,
-    /// Steps that each row's reward is summed over, `[n]`: m.
+    /// Steps that each row's reward is summed over, `[n]`: m. Empty where there is no gamma: it is 1.
     pub lengths: Vec<i64>,
-    /// gamma^m, which what is expected after those steps is worth, `[n]`.
+    /// gamma^m, which what is expected after those steps is worth, `[n]`; empty where there is no gamma.
     pub discounts: Vec<f32>,
     /// What undoes the priorities, `[n]`; empty where all steps were equally likely.
     pub weights: Vec<f32>,
@@ -55,8 +55,8 @@ pub struct TransitionDraw<'a> {
     /// Steps that a reward is summed over at most, at least 1: fewer where the episode or, under the goal of its
     /// row, the task ends before.
     pub n_step: usize,
-    /// Discount of a step, in 0..=1.
-    pub gamma: f64,
+    /// Discount of a step, in 0..=1; needed above one step.
+    pub gamma: Option<f64>,
     /// None: all steps are equally likely. Some: in proportion to their priorities, of which weights undo so much,
     /// in 0..=1.
     pub beta: Option<f64>,
@@ -70,7 +70,7 @@ impl Default for TransitionDraw<'_> {
             rule: None,
             reward: None,
             n_step: 1,
-            gamma: 1.0,
+            gamma: None,
             beta: None,
         }
     }
@@ -79,7 +79,14 @@ impl Default for TransitionDraw<'_> {
 impl TransitionDraw<'_> {
     fn check(&self) -> Result<()> {
         check_range("n_step", self.n_step, 1, 1 << 20)?;
-        check_fraction("gamma", self.gamma)?;
+        check_fraction("gamma", self.gamma.unwrap_or_default())?;
+        if self.n_step > 1 && self.gamma.is_none() {
+            return Err(Error::Argument {
+                field: "gamma",
+                expected: "a discount in 0..=1 beside n_step".into(),
+                got: "none".into(),
+            });
+        }
         check_fraction("beta", self.beta.unwrap_or_default())?;
         self.reward.map_or(Ok(()), SparseReward::check)
     }
@@ -222,7 +229,9 @@ impl EpisodeBuffer {
             let places = picks.iter().map(|pick| (pick.episode, pick.step));
             index.weights = self.importance(places, beta)?;
         }
-        let next = |place: usize| picks[place].step + class_of(index.lengths[place]);
+        // A step where no gamma makes it a sum of several.
+        let length = |place: usize| index.lengths.get(place).map_or(1, |&steps| class_of(steps));
+        let next = |place: usize| picks[place].step + length(place);
         self.write_transitions(&picks, &next, &mut out)?;
         let fields = self.pick_fields(&picks, |place, per| match per {
             Per::Observation => Some(picks[place].step),
@@ -337,8 +346,10 @@ impl EpisodeBuffer {
             index.rewards.push(sum.reward);
             index.terminated.push(sum.is_terminated);
             index.truncated.push(sum.is_truncated);
-            index.lengths.push(label_of(sum.steps));
-            index.discounts.push(sum.discount);
+            if draw.gamma.is_some() {
+                index.lengths.push(label_of(sum.steps));
+                index.discounts.push(sum.discount);
+            }
         }
         index
     }
@@ -355,7 +366,7 @@ impl EpisodeBuffer {
             let (one, is_terminated, is_truncated) =
                 self.consequence(pick, pick.step + steps, draw.reward);
             reward += discount * f64::from(one);
-            discount *= draw.gamma;
+            discount *= draw.gamma.unwrap_or(1.0);
             steps += 1;
             if is_terminated || is_truncated || steps == draw.n_step {
                 return Sum {

@@ -183,7 +183,7 @@ proptest! {
         let rule = HindsightRule::new(strategy::Strategy::Future, Share::Ratio(1)).expect("a ratio");
         let sparse = SparseReward { terminates, ..SparseReward::default() };
         let draw = TransitionDraw {
-            n: 40, rule: Some(&rule), reward: Some(&sparse), n_step, gamma, beta,
+            n: 40, rule: Some(&rule), reward: Some(&sparse), n_step, gamma: Some(gamma), beta,
         };
         let batch = pair.buffer.sample_transitions_with(&draw, &mut Rng::new(5)).expect("steps");
         let index = &batch.index;
@@ -337,7 +337,7 @@ fn what_needs_priorities_says_so() {
         ),
         (
             TransitionDraw {
-                gamma: f64::NAN,
+                gamma: Some(f64::NAN),
                 ..TransitionDraw::default()
             },
             "`gamma`",

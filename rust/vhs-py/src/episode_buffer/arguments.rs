@@ -205,23 +205,15 @@ pub(super) fn folder(argument: Option<&Bound<'_, PyAny>>) -> PyResult<PathBuf> {
     }
 }
 
-/// Refuses sums of several steps without a discount, or of rewards that only a function knows.
-pub(super) fn check_n_step(gamma: Option<f64>, reward: &Reward<'_>) -> PyResult<()> {
-    let wrong = |field, expected: &str, got: &str| {
-        Err(to_py(Error::Argument {
-            field,
-            expected: expected.into(),
-            got: got.into(),
-        }))
-    };
-    match (gamma, reward) {
-        (None, _) => wrong("gamma", "a discount in 0..=1 beside n_step", "None"),
-        (_, Reward::Function(_)) => wrong(
-            "reward",
-            "a vhs.SparseReward where n_step is above 1",
-            "a function",
-        ),
-        _ => Ok(()),
+/// Refuses sums of several steps whose rewards only a function knows.
+pub(super) fn check_n_step(reward: &Reward<'_>) -> PyResult<()> {
+    match reward {
+        Reward::Sparse(_) => Ok(()),
+        Reward::Function(_) => Err(to_py(Error::Argument {
+            field: "reward",
+            expected: "a vhs.SparseReward where n_step is above 1".into(),
+            got: "a function".into(),
+        })),
     }
 }
 

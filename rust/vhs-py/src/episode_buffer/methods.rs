@@ -324,11 +324,11 @@ impl EpisodeBuffer {
             rule: rule.as_ref(),
             reward: reward.sparse(),
             n_step: n_step.map_or(Ok(1), |steps| size("n_step", steps))?,
-            gamma: gamma.unwrap_or(1.0),
+            gamma,
             beta,
         };
         if draw.n_step > 1 {
-            check_n_step(gamma, &reward)?;
+            check_n_step(&reward)?;
         }
         self.transitions(py, &draw, &reward, out)
     }
