@@ -445,8 +445,9 @@ class EpisodeBuffer:
             action_dim: Numbers in a continuous action; 0: actions are numbered.
             priority_exponent: Of prioritised draws, in 0..=1: a step's odds are its priority to this power
                 (alpha). None: steps have no priorities.
-            backing: "memory", or the path of a scratch file that does not exist yet and may grow larger than
-                memory. It vanishes with the buffer, however the process ends; `save` is what keeps episodes.
+            backing: "memory"; "lz4", memory where each frame is compressed without loss; or the path of a
+                scratch file that does not exist yet and may grow larger than memory. The file vanishes with
+                the buffer, however the process ends; `save` is what keeps episodes.
             persistent: True: `backing` is a folder, made or empty, that stays: `reopen` goes on with it, also
                 after a kill. As long as the buffer lives, nobody else may change its files.
             seed: Of the generator behind sampling, in 0..2**64.

@@ -42,6 +42,8 @@ pub enum Backing {
     /// A scratch file at this path, which may be larger than memory. It must not exist yet, and it vanishes
     /// with the buffer, however the process ends: [`EpisodeBuffer::save`](super::episodes::EpisodeBuffer::save) is what keeps episodes.
     Scratch(PathBuf),
+    /// Memory, where each frame is compressed (LZ4) without loss: smaller, and slower to draw.
+    Packed,
     /// Files in this folder, which stay: [`EpisodeBuffer::keep`](super::episodes::EpisodeBuffer::keep) and
     /// [`EpisodeBuffer::reopen`](super::episodes::EpisodeBuffer::reopen) make such buffers.
     Kept(PathBuf),

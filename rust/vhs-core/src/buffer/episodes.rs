@@ -550,7 +550,10 @@ impl EpisodeBuffer {
 /// Where records of this name lie: fields in scratch files beside that of the frames, goals in memory.
 fn source(backing: &Backing, name: &str) -> Result<Source> {
     let mut path = match (backing, name) {
-        (Backing::Memory, _) | (Backing::Scratch(_), "goals") => return Ok(Source::Memory),
+        (Backing::Packed, "frames") => return Ok(Source::Packed),
+        (Backing::Memory | Backing::Packed, _) | (Backing::Scratch(_), "goals") => {
+            return Ok(Source::Memory);
+        }
         (Backing::Scratch(path), _) => path.clone(),
         (Backing::Kept(folder), _) => {
             return Err(Error::Argument {

@@ -21,7 +21,7 @@ pub(crate) struct Layer<'a> {
 }
 
 impl<'a> Layer<'a> {
-    /// The records of row `t` of an episode, oldest first.
+    /// The records of row `t` of an episode, oldest first, as they lie: equal ones are equal, compressed or not.
     #[inline]
     pub(crate) fn records(
         self,
@@ -40,6 +40,9 @@ impl<'a> Layer<'a> {
     /// Writes row `t` of an episode.
     #[inline]
     pub(crate) fn write(self, episode: &'a Episode, t: usize, out: &mut [u8]) {
+        if self.slab.is_packed() {
+            return self.unpack(episode, t, out);
+        }
         let records = self.records(episode, t);
         match self.stacking {
             Stacking::Frames => copy_parts(records, out),
@@ -47,6 +50,28 @@ impl<'a> Layer<'a> {
                 let channels = self.shape.last().copied().unwrap_or(1);
                 interleave(records, channels * self.item.bytes(), out);
             }
+        }
+    }
+
+    /// As `write`, of records that are compressed.
+    fn unpack(self, episode: &Episode, t: usize, out: &mut [u8]) {
+        let record = out.len() / self.stack;
+        let mut room = match self.stacking {
+            Stacking::Channels if self.stack > 1 => vec![0; out.len()],
+            _ => Vec::new(),
+        };
+        let target = if room.is_empty() {
+            &mut *out
+        } else {
+            &mut room[..]
+        };
+        for (i, part) in target.chunks_exact_mut(record).enumerate() {
+            let frame = (t + i + 1).saturating_sub(self.stack);
+            self.slab.read(episode.frames[frame], part);
+        }
+        if !room.is_empty() {
+            let channels = self.shape.last().copied().unwrap_or(1);
+            interleave(room.chunks_exact(record), channels * self.item.bytes(), out);
         }
     }
 

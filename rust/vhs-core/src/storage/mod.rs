@@ -4,6 +4,7 @@ pub(crate) mod checksum;
 pub(crate) mod files;
 pub(crate) mod journal;
 pub(crate) mod memory;
+pub(crate) mod packed;
 pub mod pool;
 pub(crate) mod saves;
 pub(crate) mod slab;

@@ -9,6 +9,7 @@ use std::io;
 use std::sync::Arc;
 
 use crate::storage::memory::{Block, HUGE_PAGE};
+use crate::storage::packed::Packed;
 use vhs_base::error::{Error, Result};
 
 /// Bytes of the start block of a slab in memory, unless one record is larger.
@@ -22,6 +23,8 @@ pub(crate) enum Source {
     Memory,
     /// A file that nothing else writes to, cut into chunks.
     File(Arc<File>),
+    /// Memory, where each record is compressed.
+    Packed,
 }
 
 /// See the module documentation.
@@ -40,13 +43,15 @@ pub(crate) struct Slab {
     /// Records stored.
     len: usize,
     source: Source,
+    /// Where records lie that are compressed, in place of blocks.
+    packed: Option<Packed>,
 }
 
 impl Slab {
     /// An empty slab that will hold at most `capacity` records.
     pub(crate) fn new(record_bytes: usize, capacity: usize, source: Source) -> Self {
         let start_records = match source {
-            Source::Memory => (START_BYTES / record_bytes).max(1),
+            Source::Memory | Source::Packed => (START_BYTES / record_bytes).max(1),
             Source::File(_) => 0,
         };
         Self::with_start(
@@ -86,6 +91,7 @@ impl Slab {
             per_chunk: chunk_bytes / record_bytes,
             chunks: Vec::new(),
             len: 0,
+            packed: matches!(source, Source::Packed).then(Packed::default),
             source,
         }
     }
@@ -96,6 +102,9 @@ impl Slab {
 
     /// Bytes set aside for records: those of the heap, and the pages of chunks that are in use.
     pub(crate) fn allocated_bytes(&self) -> usize {
+        if let Some(packed) = &self.packed {
+            return packed.allocated_bytes();
+        }
         let start = match &self.start {
             Block::Heap(items) => items.capacity(),
             Block::Mapped(map) => map.len(),
@@ -107,8 +116,11 @@ impl Slab {
         start + chunks.sum::<usize>()
     }
 
-    /// The bytes of record `index`, which must be below `len`.
+    /// The bytes of record `index`, which must be below `len`; as they lie where they are compressed.
     pub(crate) fn get(&self, index: usize) -> &[u8] {
+        if let Some(packed) = &self.packed {
+            return packed.block(index);
+        }
         let (block, start) = match self.place(index) {
             (None, start) => (&self.start, start),
             (Some(chunk), start) => (&self.chunks[chunk], start),
@@ -116,8 +128,34 @@ impl Slab {
         &block.bytes()[start..start + self.record_bytes]
     }
 
+    /// Whether records must be read, as `get` gives them compressed.
+    pub(crate) const fn is_packed(&self) -> bool {
+        self.packed.is_some()
+    }
+
+    /// Writes record `index`, which must be below `len`.
+    pub(crate) fn read(&self, index: usize, out: &mut [u8]) {
+        match &self.packed {
+            Some(packed) => packed.read(index, out),
+            None => out.copy_from_slice(self.get(index)),
+        }
+    }
+
+    /// Adds record `index` to the end of `out`.
+    pub(crate) fn append_to(&self, index: usize, out: &mut Vec<u8>) {
+        if !self.is_packed() {
+            return out.extend_from_slice(self.get(index));
+        }
+        let start = out.len();
+        out.resize(start + self.record_bytes, 0);
+        self.read(index, &mut out[start..]);
+    }
+
     /// Makes room for `count` more records, so that as many `put`s after the last cannot fail.
     pub(crate) fn reserve(&mut self, count: usize) -> Result<()> {
+        if self.is_packed() {
+            return Ok(());
+        }
         let end = self.len + count;
         self.reserve_start(end.min(self.start_records))?;
         let chunks = end
@@ -132,6 +170,11 @@ impl Slab {
 
     /// Writes a record over the one at `index` or, where `index` is `len`, after the last.
     pub(crate) fn put(&mut self, index: usize, record: &[u8]) -> Result<()> {
+        if let Some(packed) = &mut self.packed {
+            packed.put(index, record);
+            self.len = self.len.max(index + 1);
+            return Ok(());
+        }
         if index == self.len {
             self.reserve(1)?;
         }
@@ -209,7 +252,7 @@ impl Slab {
 
     fn new_chunk(&self) -> io::Result<Block> {
         match &self.source {
-            Source::Memory => Block::anonymous(self.chunk_bytes),
+            Source::Memory | Source::Packed => Block::anonymous(self.chunk_bytes),
             Source::File(file) => {
                 Block::of_own(file, self.chunks.len() * self.chunk_bytes, self.chunk_bytes)
             }
@@ -218,7 +261,7 @@ impl Slab {
 
     fn refused(&self, source: io::Error) -> Error {
         match self.source {
-            Source::Memory => memory(self.chunk_bytes),
+            Source::Memory | Source::Packed => memory(self.chunk_bytes),
             Source::File(_) => Error::Io {
                 path: "the backing file".into(),
                 call: "grow",

@@ -202,7 +202,9 @@ proptest! {
         prop_assert_eq!(loaded.config(), buffer.config());
         // SAFETY: nobody edits the file of this test.
         let mut mapped = unsafe { EpisodeBuffer::map(&folder.join("saved")) }.expect("just saved");
-        for buffer in [&mut buffer, &mut loaded, &mut mapped, &mut on_disk] {
+        let mut packed = recorded(&lengths, stack, stacking, Backing::Packed);
+        let mut unpacked = EpisodeBuffer::load(&folder.join("saved"), Backing::Packed).expect("just saved");
+        for buffer in [&mut buffer, &mut loaded, &mut mapped, &mut on_disk, &mut packed, &mut unpacked] {
             check(buffer, &lengths);
             // It goes on: slots of evicted episodes are used again.
             let mut more = lengths.clone();

@@ -180,15 +180,17 @@ pub(super) fn interactions(
     Ok((size("num_interactions", count)?, pairs))
 }
 
-/// Memory, or the scratch file at a path.
+/// Memory, compressed or not, or the scratch file at a path.
 pub(super) fn backing(argument: Option<&Bound<'_, PyAny>>) -> PyResult<Backing> {
     let Some(argument) = argument else {
         return Ok(Backing::Memory);
     };
-    if let Ok(word) = argument.cast::<PyString>()
-        && word.to_cow()? == "memory"
-    {
-        return Ok(Backing::Memory);
+    if let Ok(word) = argument.cast::<PyString>() {
+        match &*word.to_cow()? {
+            "memory" => return Ok(Backing::Memory),
+            "lz4" => return Ok(Backing::Packed),
+            _ => {}
+        }
     }
     Ok(Backing::Scratch(argument.extract::<PathBuf>()?))
 }
@@ -200,7 +202,7 @@ pub(super) fn folder(argument: Option<&Bound<'_, PyAny>>) -> PyResult<PathBuf> {
         _ => Err(to_py(Error::Argument {
             field: "backing",
             expected: "a folder where persistent is true".into(),
-            got: "\"memory\"".into(),
+            got: "memory".into(),
         })),
     }
 }

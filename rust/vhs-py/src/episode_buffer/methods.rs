@@ -424,7 +424,7 @@ impl EpisodeBuffer {
             return Err(to_py(Error::Argument {
                 field: "backing",
                 expected: "\"memory\" where mmap is true".into(),
-                got: "a file".into(),
+                got: "another".into(),
             }));
         }
         let loaded = interruptible(py, || {

@@ -71,7 +71,7 @@ impl From<core::EpisodeBuffer> for EpisodeBuffer {
             num_actions: config.num_actions,
             num_interactions: config.num_interactions,
             action_dim: config.action_dim,
-            owner: (config.backing != Backing::Memory)
+            owner: matches!(config.backing, Backing::Scratch(_) | Backing::Kept(_))
                 .then(|| (std::process::id(), fork::lineage())),
             config,
             rng: Shared::new(buffer.rng_mut().clone()),

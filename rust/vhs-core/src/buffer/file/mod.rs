@@ -205,8 +205,10 @@ impl Saving {
         let put = |file: &mut Writer<'_>, bytes, slab: &dyn Fn(&EpisodeBuffer) -> &Slab| {
             put_records(file, bytes, &self.slots, |slots, out| {
                 with_buffer(&mut |buffer| {
-                    let records = slots.iter().map(|&slot| slab(buffer).get(slot));
-                    records.for_each(|record| out.extend_from_slice(record));
+                    let slab = slab(buffer);
+                    for &slot in slots {
+                        slab.append_to(slot, out);
+                    }
                 });
             })
         };
