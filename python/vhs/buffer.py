@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from os import PathLike
 from typing import Any, Literal
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from vhs._core import EpisodeBuffer
 from vhs.task import TaskSpec
 
-__all__ = ["as_goal", "make_buffer"]
+__all__ = ["as_goal", "beside", "beside_dim", "make_buffer"]
 
 
 def make_buffer(
@@ -62,6 +63,24 @@ def make_buffer(
         seed=seed,
         **(vectors if spec.goals == "vectors" else {}),
     )
+
+
+def beside_dim(spec: TaskSpec) -> int:
+    """Numbers that an observation of a task has beside its frame."""
+    return sum(int(np.prod(field.shape)) for field in spec.fields.values())
+
+
+def beside(fields: Mapping[str, NDArray[Any]]) -> NDArray[np.float32] | None:
+    """What observations have beside their frames, for a network: fields in the order of their names.
+
+    Args:
+        fields: by name arrays [n, *shape], a row an observation.
+
+    Returns:
+        float32 [n, beside_dim]; None where there are none.
+    """
+    rows = [fields[name].reshape(len(fields[name]), -1).astype(np.float32) for name in sorted(fields)]
+    return np.concatenate(rows, axis=1) if rows else None
 
 
 def as_goal(buffer: EpisodeBuffer, goal: NDArray[Any]) -> NDArray[Any]:

@@ -1,10 +1,12 @@
 """Training, resuming and showing on goals and actions of every kind, and with networks of one's own."""
 
 import sys
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -14,9 +16,10 @@ from torch import Tensor, nn
 from toy import Toy, toy_config, toy_task
 
 import vhs
-from vhs import Outcome, Task
+from vhs import ArgumentError, Outcome, Task
 from vhs.acting.policy import load_agent
 from vhs.acting.setup import make_env
+from vhs.acting.trial import try_task
 from vhs.config import Config
 from vhs.errors import ConfigError
 from vhs.eval import evaluate
@@ -248,3 +251,95 @@ def test_words_name_classes_to_who_sees_a_vector(tmp_path: Path) -> None:
     task = with_frames(lambda frame: frame[8, :, :].reshape(-1).astype(np.float32))
     assert train(toy_config("a3c", "train.episodes=24"), tmp_path, StringIO(), task=task)
     assert evaluate(tmp_path, episodes=4, task=task).steps > 0
+
+
+class Compassed(gymnasium.Env[Any, Any]):
+    """The right one of two presses is told by a number beside a grey picture, and by nothing else."""
+
+    observation_space = spaces.Dict(
+        {
+            "image": spaces.Box(0, 255, (16, 16, 3), np.uint8),
+            "goal": spaces.Discrete(1),
+            "compass": spaces.Box(-1, 1, (2,), np.float32),
+            "level": spaces.Discrete(3),
+        }
+    )
+    action_space = spaces.Discrete(2)
+
+    def reset(self, *, seed: int | None = None, options: object = None) -> tuple[Any, dict[str, Any]]:
+        super().reset(seed=seed)
+        self.side = int(self.np_random.integers(2))
+        return self.seen(), {}
+
+    def seen(self) -> dict[str, Any]:
+        compass = np.array([2 * self.side - 1, 0], np.float32)
+        return {
+            "image": np.full((16, 16, 3), 90, np.uint8),
+            "goal": 0,
+            "compass": compass,
+            "level": np.int64(1),
+        }
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        is_right = action == self.side
+        return self.seen(), 10.0 if is_right else -1.0, True, False, {}
+
+
+def compass_task(**fields: Any) -> Task:
+    read = Instruction(fields=("compass", "level"))
+    return Task(name="compassed", make=Compassed, max_steps=2, **({"read": read} | fields))
+
+
+def test_a_vector_beside_the_picture_is_learned_from(tmp_path: Path) -> None:
+    task = compass_task()
+    # Without hindsight: what the wrong press reached is the same goal.
+    overrides = [text for text in SETTINGS if not text.startswith("method.")]
+    overrides += ["train.episodes=2000", "train.entropy_weight=0.001", "train.learning_rate=2e-3"]
+    train(toy_config("a3c", *overrides), tmp_path, StringIO(), task=task)
+    assert evaluate(tmp_path, episodes=50, task=task, greedy=True).success == 1
+
+
+def test_workers_send_a_vector_beside_the_picture(tmp_path: Path) -> None:
+    task = compass_task()
+    for workers in (0, 1):
+        config = configured("train.episodes=24", f"env.num_workers={workers}")
+        train(config, tmp_path / str(workers), StringIO(), task=task)
+    assert_same(weights(tmp_path / "0", task), weights(tmp_path / "1", task))
+
+
+def test_a_run_with_a_vector_beside_the_picture_goes_on_and_is_exported(tmp_path: Path) -> None:
+    task = compass_task()
+    for name, stops in (("whole", (48,)), ("parts", (20, 48))):
+        for episodes in stops:
+            train(configured(f"train.episodes={episodes}"), tmp_path / name, StringIO(), task=task)
+    assert_same(weights(tmp_path / "whole", task), weights(tmp_path / "parts", task))
+    export_agent(tmp_path / "whole", tmp_path / "agent", task)
+    assert evaluate(tmp_path / "agent", episodes=4, task=task).episodes == 4
+    policy = load_agent(tmp_path / "agent", task)
+    assert policy.spec.fields.keys() == {"compass", "level"}
+    assert len(list(play_moments(policy, make_env(task, policy.spec), [0], 0, greedy=True))) == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            lambda fields: fields | {"compass": np.zeros(3, np.float32)},
+            r"field `compass` \[2\] as the first, got \[3\]",
+        ),
+        (
+            lambda fields: {"compass": fields["compass"]},
+            "the fields compass, level as the first time, got compass",
+        ),
+    ],
+)
+def test_a_vector_that_changes_its_shape_is_named(change: Any, words: str) -> None:
+    first = []
+
+    def read(observation: dict[str, Any]) -> vhs.Seen:
+        seen = Instruction(fields=("compass", "level"))(observation)
+        first.append(1)
+        return seen if len(first) <= 2 else replace(seen, fields=change(seen.fields))
+
+    with pytest.raises(ArgumentError, match=f"`read`: expected .*{words}"):
+        try_task(compass_task(read=read))

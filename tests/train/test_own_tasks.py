@@ -9,6 +9,7 @@ from io import StringIO
 from pathlib import Path
 
 import gymnasium
+import numpy as np
 import pytest
 from debug import DEBUG
 from toy import ALGORITHMS, SMALL, Toy, toy_config, toy_task
@@ -177,6 +178,16 @@ env: {kwargs: {moves: 3}}
     assert evaluate(run, episodes=3).spl is None
     again = main(["train", *arguments, "--set", "train.episodes=32", "--out", str(run)])
     assert again == 0
+
+
+def test_words_say_what_is_beside_the_picture_and_what_is_reached_on_the_way() -> None:
+    words = "task={make: own/Toy-v0, beside: [compass], touched: 'near > 0.5'}"
+    task = task_of(load_config([SMALL], [words]))
+    seen = task.read({"image": np.zeros((4, 4, 3)), "goal": 1, "compass": np.ones(2)})
+    assert (seen.label, list(seen.fields)) == (1, ["compass"])
+    assert [task.touched({"near": near}) for near in (0.2, 0.7)] == [False, True]
+    with pytest.raises(vhs.ArgumentError, match="near"):
+        task.touched({"far": 1})
 
 
 @pytest.mark.parametrize(

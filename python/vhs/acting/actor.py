@@ -70,13 +70,17 @@ class Actor:
 
     @torch.inference_mode()
     def act(
-        self, streams: NDArray[np.int64], observations: NDArray[Any]
+        self,
+        streams: NDArray[np.int64],
+        observations: NDArray[Any],
+        beside: NDArray[np.float32] | None = None,
     ) -> tuple[NDArray[Any], NDArray[np.float32]]:
         """Choose an action for each of `streams`.
 
         Args:
             streams: which episodes, int64, shape [n].
             observations: their newest observations, as the extractor takes them.
+            beside: what these have beside their frames, float32 [n, beside_dim]; None: nothing.
 
         Returns:
             Actions, int64 [n], or float32 [n, dim]; the critic's values, float32, shape [n].
@@ -89,6 +93,7 @@ class Actor:
             self._goals[index],
             self._interactions[index],
             RecurrentState(self._hidden[index], self._cell[index]),
+            None if beside is None else to_device(beside, self._goals.device).unsqueeze(1),
         )
         self._hidden[index], self._cell[index] = state.hidden, state.cell
         chosen = self._choose(policy[:, 0].float().cpu())

@@ -24,10 +24,12 @@ from vhs.task import Outcome, Seen, Task, TaskSpec, default_outcome
 class TaskEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
     """Observations are `frame`, `goal` and `interaction`; actions are numbered from 0, or lie in -1..1.
 
-    Where goals are pictures or vectors there is a `desired_goal`, and with vectors an `achieved_goal`. `info`
-    is empty until an episode ends. Then it holds `outcome`, an `Outcome`; where the task says it, `touched`,
-    the number of steps until something was last reached (0: nothing was); and, for evaluation alone,
-    `reached`, the goal class that was reached (-1: none), and `metrics`, numbers by name.
+    Where goals are pictures or vectors there is a `desired_goal`, and with vectors an `achieved_goal`; what a
+    task reads beside the frame is in `fields`.
+
+    `info` is empty until an episode ends. Then it holds `outcome`, an `Outcome`; where the task says it,
+    `touched`, the number of steps until something was last reached (0: nothing was); and, for evaluation
+    alone, `reached`, the goal class that was reached (-1: none), and `metrics`, numbers by name.
 
     The reward is the task's own where it has one. An episode ends at the task's longest; it is truncated
     where a limit cut it off that is no part of the task (`Task.limit_ends`).
@@ -49,6 +51,9 @@ class TaskEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
             entries["desired_goal"] = entries["frame"]
         elif spec.goals == "vectors":
             entries["desired_goal"] = entries["achieved_goal"] = _box(spec.goal_shape, spec.goal_dtype)
+        if spec.fields:
+            boxes = {name: _box(field.shape, field.dtype) for name, field in spec.fields.items()}
+            entries["fields"] = spaces.Dict(boxes)
         self.observation_space = spaces.Dict(entries)
         self.action_space = shown_space(env.action_space)
 
@@ -107,11 +112,28 @@ class TaskEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
             elif spec.goals == "vectors":
                 for entry in ("desired_goal", "achieved_goal"):
                     told[entry] = np.atleast_1d(np.asarray(getattr(seen, entry), spec.goal_dtype))
+            if self._spec.fields:
+                told["fields"] = self._beside(seen.fields)
         with asking(self._task.name, "goals"):
             told["goal"] = np.int64(_within(seen.label, 0, spec.num_goals))
         with asking(self._task.name, "interactions"):
             told["interaction"] = np.int64(_within(seen.interaction, 0, max(1, spec.num_interactions)))
         return told
+
+    def _beside(self, fields: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+        """Further arrays, as the spec has them."""
+        known = self._spec.fields
+        if fields.keys() != known.keys():
+            raise ArgumentError(
+                f"expected the fields {', '.join(known)} as the first time, got {', '.join(fields) or 'none'}"
+            )
+        arrays = {name: np.asarray(part, known[name].dtype) for name, part in fields.items()}
+        for name, array in arrays.items():
+            if array.shape != known[name].shape:
+                raise ArgumentError(
+                    f"expected field `{name}` {list(known[name].shape)} as the first, got {list(array.shape)}"
+                )
+        return arrays
 
     def _pictured(self, seen: Any, what: str) -> NDArray[Any]:
         """As the spec has it: a grey picture has a channel, and truth is a number."""

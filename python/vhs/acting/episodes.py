@@ -232,6 +232,7 @@ class Episodes:
                 interaction,
                 desired_goal=desired,
                 achieved_goal=achieved,
+                fields=_fields(batch, row),
             )
             self._running[stream] = Running(batch.seeds[row], goal, interaction, embedding)
 
@@ -244,7 +245,13 @@ class Episodes:
         actions, values, rewards = self._actions[streams], self._values[streams], batch.rewards[rows]
         achieved = _row(batch.achieved_goals, rows)
         self.buffer.append_batch(
-            streams, actions, rewards, values, batch.frames[rows], achieved_goals=achieved
+            streams,
+            actions,
+            rewards,
+            values,
+            batch.frames[rows],
+            achieved_goals=achieved,
+            fields=_fields(batch, rows),
         )
         steps = zip(streams.tolist(), actions.tolist(), values.tolist(), rewards.tolist(), strict=True)
         for stream, action, value, reward in steps:
@@ -255,6 +262,10 @@ class Episodes:
         outcome = Outcome(info["outcome"])
         id = self.buffer.finish(stream, outcome, terminated=bool(batch.terminated[row]))
         return self._running.pop(stream).ended(id, stream, info)
+
+
+def _fields(batch: StepBatch, rows: Any) -> dict[str, NDArray[Any]] | None:
+    return None if batch.fields is None else {name: part[rows] for name, part in batch.fields.items()}
 
 
 def _row(goals: NDArray[Any] | None, rows: Any) -> NDArray[Any] | None:

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from vhs import EpisodeBuffer
 from vhs.acting.actor import Actor
+from vhs.buffer import beside
 from vhs.learning.goals import Told
 from vhs.task import TaskSpec
 
@@ -56,7 +57,8 @@ class AgentPlayer:
 
     def act(self, streams: NDArray[np.int64]) -> Choice:
         """One inference for all."""
-        actions, values = self._actor.act(streams, self._buffer.observe(streams))
+        known = beside(self._buffer.observe_fields(streams)) if self._buffer.fields else None
+        actions, values = self._actor.act(streams, self._buffer.observe(streams), known)
         return streams, actions, values
 
 

@@ -102,7 +102,7 @@ def make_stepping(config: Config, task: Task, spec: TaskSpec, count: int) -> Ste
 def make_buffer(config: Config, spec: TaskSpec, num_streams: int, num_waiting: int) -> EpisodeBuffer:
     """An episode buffer for `num_streams` running and `num_waiting` ended episodes."""
     return buffer_of(
-        replace(spec, fields={}),  # networks see frames alone
+        spec,
         num_streams=num_streams,
         capacity_steps=(num_streams + num_waiting) * spec.max_episode_steps,
         frame_stack=config.model.frame_stack,

@@ -7,7 +7,7 @@ environments, so what follows does not depend on who stepped them: this process,
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -54,6 +54,8 @@ class StepBatch:
     """The goals told, [n, *frame_shape] or [n, *goal_shape]; None where goals are classes."""
     achieved_goals: NDArray[Any] | None = None
     """The goals reached, [n, *goal_shape], where goals are vectors."""
+    fields: Mapping[str, NDArray[Any]] | None = None
+    """What observations have beside their frames, by name [n, *shape]; None where they have nothing."""
 
     @property
     def is_end(self) -> NDArray[np.bool_]:
@@ -119,6 +121,7 @@ class LocalStepping:
             terminated=np.array([row[2] for row in rows], dtype=np.bool_),
             truncated=np.array([row[3] for row in rows], dtype=np.bool_),
             infos={index: row[4] for index, row in enumerate(rows) if row[4]},
+            fields=_stacked([row[0].get("fields") for row in rows]),
             **{
                 f"{entry}s": np.stack([row[0][entry] for row in rows])
                 for entry in _GOALS
@@ -270,6 +273,7 @@ def _step_batch(batch: Batch) -> StepBatch:
         terminated=batch.terminated,
         truncated=batch.truncated,
         infos=batch.infos,
+        fields=observation.get("fields"),
         **{f"{entry}s": observation[entry] for entry in _GOALS if entry in observation},
     )
 
@@ -279,10 +283,22 @@ def _joined(rows: Sequence[tuple[StepBatch, int]]) -> StepBatch:
     arrays = {
         name: np.array([getattr(batch, name)[row] for batch, row in rows])
         for name in (each.name for each in fields(StepBatch))
-        if name not in ("seeds", "infos") and getattr(rows[0][0], name) is not None
+        if name not in ("seeds", "infos", "fields") and getattr(rows[0][0], name) is not None
     }
     return StepBatch(
         **arrays,
         seeds=[batch.seeds[row] for batch, row in rows],
         infos={at: batch.infos[row] for at, (batch, row) in enumerate(rows) if row in batch.infos},
+        fields=_stacked(
+            [
+                None if batch.fields is None else {name: part[row] for name, part in batch.fields.items()}
+                for batch, row in rows
+            ]
+        ),
     )
+
+
+def _stacked(rows: Sequence[Mapping[str, NDArray[Any]] | None]) -> dict[str, NDArray[Any]] | None:
+    """The fields of some observations, a row each."""
+    told = [row for row in rows if row is not None]
+    return {name: np.stack([row[name] for row in told]) for name in told[0]} if told else None

@@ -71,6 +71,8 @@ class TaskSection(_Words):
     goal: str | None = None
     """Entry that is the class of the goal, or its picture."""
     interaction: str | None = None
+    beside: tuple[str, ...] = ()
+    """Further entries of the observation, arrays or numbers that the agent knows beside the picture."""
     outcome: dict[Literal["success", "failure", "timeout"], Annotated[str, AfterValidator(_is_rule)]] = Field(
         default_factory=dict
     )

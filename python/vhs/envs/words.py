@@ -74,6 +74,8 @@ def task_of_words(words: Mapping[str, Any]) -> Task:
     plain = ("make", "name", "max_steps", "goals", "replayable", "limit_ends", "actions", "metrics")
     fields: dict[str, Any] = {name: words[name] for name in plain}
     fields |= {name: dict(words[name]) for name in ("interactions", "keys")}
+    if words["beside"]:
+        told["fields"] = tuple(words["beside"])
     if told:
         fields["read"] = Instruction(**told)
     if words["outcome"]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from vhs import EpisodeBatch, Hindsight, Outcome, Rng, relabel
+from vhs.buffer import beside
 from vhs.config import MethodSection, TrainSection
 from vhs.errors import DivergenceError
 from vhs.learning.goals import GoalImages, Goals
@@ -54,6 +55,8 @@ class _Pass(NamedTuple):
     """Steps of each that terms are over: those until it reached that goal, shape [B]."""
     inputs: tuple[Tensor, Tensor, Tensor]
     """Features [B, T, feature_dim], goals [B, feature_dim], interactions [B]."""
+    known: Tensor | None
+    """What observations have beside their frames, [B, T, beside_dim]."""
 
 
 class Learner:
@@ -218,10 +221,18 @@ class Learner:
         steps = torch.arange(length + int(is_cut.any()), device=self._device)
         rows = (self._tensor(batch.offsets).unsqueeze(1) + steps).clamp(max=len(features) - 1)
         sequences = features[rows]
-        passes = self._passes(agent, share, features, sequences, shown)
+        known = beside(batch.fields)
+        told = None if known is None else self._tensor(known)[rows]
+        passes = self._passes(agent, share, features, sequences, told, shown)
         passed: dict[str, Episodes] = {}
         if passes:
-            policy, values, _ = agent(*map(torch.cat, zip(*(one.inputs for one in passes), strict=True)))
+            inputs = map(torch.cat, zip(*(one.inputs for one in passes), strict=True))
+            everywhere = (
+                torch.cat([one.known for one in passes if one.known is not None])
+                if told is not None
+                else None
+            )
+            policy, values, _ = agent(*inputs, beside=everywhere)
             sizes = [len(one.rows) for one in passes]
             for one, own, seen in zip(passes, policy.split(sizes), values.split(sizes), strict=True):
                 passed[one.over] = Episodes(
@@ -245,7 +256,13 @@ class Learner:
         return last.detach() * self._tensor(~batch.terminated[rows])
 
     def _passes(
-        self, agent: GoalAgent, share: Share, features: Tensor, sequences: Tensor, shown: Tensor
+        self,
+        agent: GoalAgent,
+        share: Share,
+        features: Tensor,
+        sequences: Tensor,
+        known: Tensor | None,
+        shown: Tensor,
     ) -> list[_Pass]:
         """What the LSTM has to run over, of features of each episode, shape [B, T, feature_dim]."""
         batch, hindsight = share.batch, share.hindsight
@@ -254,7 +271,7 @@ class Learner:
             everything = np.arange(len(batch.lengths))
             goals = self.goals.instructed(agent, batch, share.goals, shown)
             inputs = sequences, goals, self._tensor(batch.interactions)
-            passes.append(_Pass("lived", everything, batch.lengths, inputs))
+            passes.append(_Pass("lived", everything, batch.lengths, inputs, known))
         selected = np.flatnonzero(hindsight.selected)
         if len(selected):
             chosen = self._tensor(selected)
@@ -262,7 +279,9 @@ class Learner:
             goals = self.goals.hindsight(agent, batch, rows, features[self._tensor(rows)], shown)
             done = self._tensor(hindsight.interactions)[chosen]
             lengths = hindsight.lengths[selected]
-            passes.append(_Pass("relabelled", selected, lengths, (sequences[chosen], goals, done)))
+            inputs = sequences[chosen], goals, done
+            own = None if known is None else known[chosen]
+            passes.append(_Pass("relabelled", selected, lengths, inputs, own))
         return passes
 
     def _reached(self, batch: EpisodeBatch, features: Tensor, sequences: Tensor) -> Reached | None:

@@ -39,6 +39,7 @@ class GoalAgent(nn.Module):
         num_words: int = 0,
         num_sights: int = 0,
         goal_dim: int = 0,
+        beside_dim: int = 0,
     ) -> None:
         """Build the layers behind `extractor`.
 
@@ -52,6 +53,7 @@ class GoalAgent(nn.Module):
             num_words: Goal classes with a learned name; 0 where classes are named otherwise.
             num_sights: Goal classes that `see` tells from a view; 0: no such head.
             goal_dim: Numbers in a goal vector; 0 where goals are no vectors.
+            beside_dim: Numbers that an observation has beside its frame; 0: none.
         """
         super().__init__()
         feature_dim = extractor.feature_dim
@@ -59,7 +61,9 @@ class GoalAgent(nn.Module):
         self.extractor = extractor
         self.gate = nn.Linear(feature_dim, feature_dim)
         self.interaction = nn.Embedding(num_interactions, interaction_dim)
-        self.lstm = nn.LSTM(2 * feature_dim + interaction_dim, hidden_dim, batch_first=True)
+        self.beside_dim = beside_dim
+        known = 2 * feature_dim + interaction_dim + (head_dim if beside_dim else 0)
+        self.lstm = nn.LSTM(known, hidden_dim, batch_first=True)
         self.head = head
         self.policy = _head(hidden_dim + interaction_dim, head_dim, head.size)
         self.value = _head(hidden_dim + interaction_dim, head_dim, 1)
@@ -68,6 +72,7 @@ class GoalAgent(nn.Module):
         self.vectors = _perceptron(goal_dim, head_dim, feature_dim) if goal_dim else None
         # Last: the weights before it are the same with and without it.
         self.sight = _head(feature_dim, head_dim, num_sights) if num_sights else None
+        self.beside = nn.Sequential(nn.Linear(beside_dim, head_dim), nn.ReLU()) if beside_dim else None
 
     def initial_state(self, batch: int) -> RecurrentState:
         """The state at the start of an episode: zeros, shape [batch, hidden_dim]."""
@@ -75,7 +80,12 @@ class GoalAgent(nn.Module):
         return RecurrentState(zeros, zeros.clone())
 
     def forward(
-        self, features: Tensor, goals: Tensor, interactions: Tensor, state: RecurrentState | None = None
+        self,
+        features: Tensor,
+        goals: Tensor,
+        interactions: Tensor,
+        state: RecurrentState | None = None,
+        beside: Tensor | None = None,
     ) -> tuple[Tensor, Tensor, RecurrentState]:
         """Run sequences of features under one goal each.
 
@@ -84,6 +94,8 @@ class GoalAgent(nn.Module):
             goals: goal embedding of each sequence, shape [B, feature_dim].
             interactions: instructed interaction of each sequence, int64, shape [B].
             state: state before the first step; zeros when None.
+            beside: what observations have beside their frames, float32 [B, T, beside_dim]; goals are told by
+                frames alone, so the memory reads it, not f. None where they have nothing.
 
         Returns:
             pi, as parameters of `head`, shape [B, T, head.size]; V, shape [B, T]; the state after the last
@@ -93,7 +105,11 @@ class GoalAgent(nn.Module):
         gate = torch.sigmoid(self.gate(goals)).unsqueeze(1)
         kind = self.interaction(interactions).unsqueeze(1).expand(-1, steps, -1)
         gated = features * gate
-        inputs = torch.cat([gated, gate.expand(-1, steps, -1), kind], dim=-1)
+        known = [gated, gate.expand(-1, steps, -1), kind]
+        if self.beside is not None:
+            assert beside is not None, "what observations have beside their frames"
+            known.append(self.beside(beside))
+        inputs = torch.cat(known, dim=-1)
         hidden, last = self._remember(inputs, state)
         joined = torch.cat([self._attend(features, gated, hidden), kind], dim=-1)
         policy = self.head.parameters(self.policy(joined))

@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from vhs._core import ShapeError
+from vhs.buffer import beside_dim
 from vhs.errors import ConfigError
 from vhs.models.agent import GoalAgent
 from vhs.models.device import pick_device
@@ -46,6 +47,7 @@ def make_agent(config: Config, spec: TaskSpec, extractor: ExtractorFactory | Non
             "num_words": spec.num_goals if spec.goals == "labels" and method.embedding == "word" else 0,
             "num_sights": spec.num_goals if method.localisation_weight else 0,
             "goal_dim": int(np.prod(spec.goal_shape)) if spec.goals == "vectors" else 0,
+            "beside_dim": beside_dim(spec),
         }
         if method.row.network == "discriminative":
             agent: GoalAgent = DiscriminativeAgent(f, num_goals=spec.num_goals, **parts)
