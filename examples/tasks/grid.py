@@ -31,16 +31,9 @@ class Grid(gymnasium.Env):
     def step(self, action):
         if action < 4:
             self.me = np.clip(self.me + [(-1, 0), (1, 0), (0, -1), (0, 1)][action], 0, 4)
-        on = next((label for label, place in enumerate(self.squares) if (place == self.me).all()), -1)
-        picked = on if action == 4 else -1
-        reward = -0.01 if picked < 0 else 10.0 if picked == self.goal else -1.0
-        return self.seen(), reward, picked >= 0, False, {"on": on, "picked": picked}
+        on = [label for label, place in enumerate(self.squares) if action == 4 and (place == self.me).all()]
+        reward = 10.0 if on == [self.goal] else -1.0 if on else -0.01
+        return self.seen(), reward, bool(on), False, {"reached": on[0] if on else -1}
 
 
-task = vhs.Task(
-    make=Grid,
-    max_steps=20,
-    interactions={4: 0},
-    touched=lambda info: info["on"] >= 0,  # a walk that ended elsewhere was one to the last square on its way
-    reached=lambda info: info["picked"],
-)
+task = vhs.Task(make=Grid, max_steps=20, interactions={4: 0}, reached=lambda info: info["reached"])
