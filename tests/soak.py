@@ -150,7 +150,9 @@ def training(soak: Soak) -> None:
             soak.random.choice(attacks)(soak, process, run)
         status = soak.wait(process, "training")
         output = (soak.directory / "output").read_text(errors="replace")
-        if "Traceback" in output:
+        # Ctrl-C may come before the program has begun.
+        is_early = output.endswith("KeyboardInterrupt\n") and "in main" not in output
+        if "Traceback" in output and not is_early:
             soak.fault("training: a traceback")
         if status == 0 and newest(run) == EPISODES:
             break

@@ -28,6 +28,15 @@ def test_a_missing_package_names_the_extra_that_brings_it(tmp_path: Path) -> Non
     assert "torch is not installed; pip install 'vhs-rl[train]'" in result.stderr
 
 
+def test_ctrl_c_is_no_traceback(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("vhs.eval.evaluate", interrupted)
+    assert main(["eval", "pretrained/task2", "--episodes", "1"]) == 130
+    assert capsys.readouterr().err == "vhs: stopped\n"
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

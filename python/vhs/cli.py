@@ -46,6 +46,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except VhsError as error:
         errors.say(f"vhs: {error}")
         status = 1
+    except KeyboardInterrupt:  # of a training that has begun it is a signal to save
+        errors.say("vhs: stopped")
+        status = 130
     if out.failure is not None and not out.is_unread:
         errors.say(f"vhs: standard output: cannot write: {out.failure.strerror}")
         status = status or 1
@@ -327,12 +330,9 @@ def _push(options: argparse.Namespace) -> int:
 def _sweep(options: argparse.Namespace) -> int:
     from vhs.sweep.runner import sweep
 
-    try:
-        out = options.out or Path("runs") / options.file.stem
-        return sweep(options.file, out, options.jobs, overrides=options.set)
-    except KeyboardInterrupt:
-        # The second Ctrl-C, or one while nothing runs: the runs are ended, and resume from their checkpoints.
-        return 130
+    # A second Ctrl-C, or one while nothing runs, ends the runs, which resume from their checkpoints.
+    out = options.out or Path("runs") / options.file.stem
+    return sweep(options.file, out, options.jobs, overrides=options.set)
 
 
 def _compare(options: argparse.Namespace) -> int:
