@@ -29,8 +29,13 @@ class Cameras:
     """The cameras of a model, by name, by number, and as MuJoCo describes them."""
 
     def __init__(self, mujoco: Any, model: Any) -> None:
-        """Looks names up once; lenses are read whenever they are used."""
+        """Looks names up once; lenses are read whenever they are used, from the model's own arrays."""
         self._model = model
+        # MuJoCo before 3.5 has the second name.
+        projection = getattr(model, "cam_projection", None)
+        self._projection = model.cam_orthographic if projection is None else projection
+        self._fovy, self._sensor_size = model.cam_fovy, model.cam_sensorsize
+        self._intrinsic = model.cam_intrinsic
         self._numbers = {model.camera(i).name: i for i in range(model.ncam)}
         self._abstract = {i: _abstract(mujoco, model, i) for i in range(-1, model.ncam)}
 
@@ -80,24 +85,17 @@ class Cameras:
         return Sight(-1, gaze, [settings.fovy, 0.0] if is_parallel else [settings.fovy])
 
     def _lens(self, camera: int) -> list[float]:
-        model = self._model
-        fovy = float(model.cam_fovy[camera])
-        if _is_parallel(model, camera):
+        fovy = self._fovy.item(camera)
+        if self._projection.item(camera):
             return [fovy, 0.0]
-        width, height = model.cam_sensorsize[camera]
-        if not height:
+        if not self._sensor_size.item(camera, 1):
             return [fovy]
-        focal_x, focal_y, centre_x, centre_y = map(float, model.cam_intrinsic[camera])
+        width, height = self._sensor_size[camera]
+        focal_x, focal_y, centre_x, centre_y = map(float, self._intrinsic[camera])
         # MuJoCo counts the principal point from the middle of the sensor.
         top, bottom = (height / 2 - centre_y) / focal_y, (height / 2 + centre_y) / focal_y
         left, right = (width / 2 - centre_x) / focal_x, (width / 2 + centre_x) / focal_x
         return [float(bottom), float(top), float(left), float(right)]
-
-
-def _is_parallel(model: Any, camera: int) -> bool:
-    # MuJoCo before 3.5 has the second name.
-    projection = getattr(model, "cam_projection", None)
-    return bool((model.cam_orthographic if projection is None else projection)[camera])
 
 
 def _abstract(mujoco: Any, model: Any, number: int) -> Any:

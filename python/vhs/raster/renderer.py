@@ -86,6 +86,7 @@ class RasterRenderer:
         self._scene = mujoco.MjvScene(model, max(1, max_geom))
         self._option = mujoco.MjvOption()
         self._cameras = Cameras(mujoco, model)
+        self._statistic, self._depths = model.stat, model.vis.map
         self._canvas: RasterCanvas | None = None
         self.refresh()
 
@@ -274,7 +275,7 @@ class RasterRenderer:
                 data.geom_xpos, data.geom_xmat, data.site_xpos, data.site_xmat, data.cam_xpos, data.cam_xmat
             )
             self._bound = data
-        extent, depths = model.stat.extent, model.vis.map
+        extent, depths = self._statistic.extent, self._depths
         canvas.update(fixed, gaze, lens, depths.znear * extent, depths.zfar * extent)
         if is_same:
             return

@@ -15,6 +15,10 @@ use crate::math::{V3, add, cross, dot, scale, sub};
 /// Face number of the background.
 pub(crate) const NOTHING: u32 = u32::MAX;
 
+/// Faces with more columns than this are drawn with the widest lanes there are.
+#[cfg(target_arch = "x86_64")]
+const WIDE: usize = 24;
+
 /// Position of a sample within its pixel, relative to the middle, y upwards.
 pub(crate) type Offset = [f32; 2];
 
@@ -177,7 +181,12 @@ impl Cover {
         match self.kind {
             Kind::Plain => self.draw_either::<Plain, N>(outline, window, number),
             #[cfg(target_arch = "x86_64")]
-            // Faces are small: sixteen lanes would mostly be idle.
+            // In small faces sixteen lanes would mostly be idle.
+            // SAFETY: `Kind::Avx512` is only made by `detect`, after it found AVX-512.
+            Kind::Avx512 if window.x1 - window.x0 > WIDE => unsafe {
+                self.draw_avx512(outline, window, number);
+            },
+            #[cfg(target_arch = "x86_64")]
             // SAFETY: both kinds are only made by `detect`, after it found what AVX2 needs; AVX-512 includes it.
             Kind::Avx2 | Kind::Avx512 => unsafe { self.draw_avx2(outline, window, number) },
         }
@@ -187,6 +196,12 @@ impl Cover {
     #[target_feature(enable = "avx2")]
     fn draw_avx2<const N: usize>(&mut self, outline: &Outline<N>, window: Window, number: u32) {
         self.draw_either::<crate::lanes::Avx2, N>(outline, window, number);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx512f,avx512bw,avx512dq")]
+    fn draw_avx512<const N: usize>(&mut self, outline: &Outline<N>, window: Window, number: u32) {
+        self.draw_either::<crate::lanes::Avx512, N>(outline, window, number);
     }
 
     #[inline(always)]

@@ -135,15 +135,15 @@ impl Fill<'_> {
         }
     }
 
-    /// The prepared form of a face.
-    fn ready(&mut self, face: u32) -> Ready {
+    /// Number of the prepared form of a face.
+    fn ready(&mut self, face: u32) -> usize {
         let slot = &mut self.ready_at[face as usize];
         if *slot == NOTHING {
             *slot = u32::try_from(self.ready.len()).unwrap_or(NOTHING);
             self.ready
                 .push(self.shader.ready(&self.drawn[face as usize]));
         }
-        self.ready[*slot as usize]
+        *slot as usize
     }
 
     /// Colours pixels with one sample each.
@@ -250,7 +250,7 @@ impl Fill<'_> {
             colours,
             opacity: None,
         };
-        shade_run(self.kind, &mut self.shader, &ready, &mut run);
+        shade_run(self.kind, &mut self.shader, &self.ready[ready], &mut run);
         let own = &mut self.colours.pixels[start + from..start + to];
         darken(self.dark, &mut self.done, own);
     }
@@ -284,7 +284,7 @@ impl Fill<'_> {
             colours: packed,
             opacity: Some(opacity),
         };
-        shade_run(self.kind, &mut self.shader, &ready, &mut run);
+        shade_run(self.kind, &mut self.shader, &self.ready[ready], &mut run);
     }
 
     /// Adds each fragment to the sum of its pixel; the weights of a pixel add up to four.
