@@ -51,6 +51,16 @@ def test_shadows_of_spots_and_directional_lights(antialias: str) -> None:
             assert change > 2
 
 
+@pytest.mark.parametrize("cutoff", [20, 90, 100])
+def test_spots_shine_as_far_around_as_opengl_lets_them(cutoff: int) -> None:
+    # OpenGL refuses angles above 90 degrees and leaves such a light without a cone, as OGBench's have it.
+    model = shapes_model()
+    model.light_cutoff[0], model.light_castshadow[:] = cutoff, 0
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert compare(model, data, "fixed", [SHADOW])[0] <= 1
+
+
 @pytest.mark.parametrize("size", [0, 64, 1024])
 def test_shadows_are_as_coarse_as_the_model_asks(size: int) -> None:
     model = shapes_model()

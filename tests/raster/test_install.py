@@ -6,6 +6,7 @@ import importlib.util
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -13,6 +14,8 @@ import pytest
 from raster_support import reference, scatter, shapes_model
 
 import vhs.raster
+from vhs._core import RasterCanvas
+from vhs.raster.assets import Assets, source_of
 
 PROGRAMS = {
     "gymnasium": """
@@ -132,6 +135,28 @@ def test_mujocos_renderer_gives_the_same_results_without_opengl(samples: int) ->
         assert np.abs(expected[i] - actual[i]).mean() <= 1
         assert np.median(np.abs(expected[i + 1] / actual[i + 1] - 1)) <= 1e-3
         assert (expected[i + 2] != actual[i + 2]).any(-1).mean() <= 0.01
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_scenes_of_one_model_share_its_textures() -> None:
+    # dm_control makes a scene for every picture, and each had a copy of all textures.
+    model = mujoco.MjModel.from_xml_string("""<mujoco><asset>
+      <texture name="large" type="2d" builtin="checker" width="1024" height="1024"/>
+      <material name="m" texture="large"/>
+    </asset><worldbody><geom size="1" material="m"/></worldbody></mujoco>""")
+    pages, copy = Path("/proc/self/statm"), 4 * 1024 * 1024
+
+    def held() -> int:
+        return int(pages.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    assets = Assets.of(model, has_sky=True)
+    scenes = [mujoco.MjvScene(model, 10) for _ in range(25)]
+    canvases, start = [], 0
+    for scene in scenes:
+        source = source_of(mujoco, model, scene, assets)
+        canvases.append(RasterCanvas(assets.scene, source, 8, 8, 0))
+        start = start or held()
+    assert held() - start < 8 * copy
 
 
 def test_a_read_before_anything_was_rendered_says_so() -> None:

@@ -9,13 +9,12 @@
 )]
 #![allow(clippy::doc_markdown, reason = "MuJoCo is a name, not code")]
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use numpy::{PyReadonlyArray2, PyReadwriteArrayDyn};
 use pyo3::prelude::*;
 use vhs_raster::{
-    Antialias, Camera, Canvas, Error, Geom, Layout, Lens, Light, Result, Scene, Soft, View,
-    draw_all,
+    Antialias, Camera, Canvas, Error, Geom, Layout, Lens, Light, Result, Soft, View, draw_all,
 };
 
 use crate::error::{protocol, raster_to_py as to_py};
@@ -136,7 +135,7 @@ impl RasterCanvas {
         width: usize,
         antialias: u8,
     ) -> PyResult<Self> {
-        let scene: Arc<Scene> = Arc::new(scene.finished()?);
+        let scene = scene.finished()?;
         let antialias = match antialias {
             0 => Antialias::Off,
             1 => Antialias::Multisample,

@@ -5,7 +5,7 @@
     reason = "PyO3 hands arguments over by value"
 )]
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use numpy::{PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -20,17 +20,38 @@ use crate::raster_arrays::{gaps, indices, rows};
 // A scene while it is being collected.
 #[pyclass(module = "vhs._core", frozen)]
 pub struct RasterScene {
-    spec: Mutex<SceneSpec>,
+    collected: Mutex<Collected>,
+}
+
+struct Collected {
+    spec: SceneSpec,
+    /// The scene of `spec`, once it was asked for.
+    scene: Option<Arc<Scene>>,
 }
 
 impl RasterScene {
-    fn lock(&self) -> MutexGuard<'_, SceneSpec> {
-        self.spec.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self) -> MutexGuard<'_, Collected> {
+        self.collected
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The scene as it is now, checked and cut.
-    pub(crate) fn finished(&self) -> PyResult<Scene> {
-        Scene::new(self.lock().clone()).map_err(to_py)
+    /// Changes what was collected; canvases that have the scene keep it as it was.
+    fn change<T>(&self, change: impl FnOnce(&mut SceneSpec) -> T) -> T {
+        let mut collected = self.lock();
+        collected.scene = None;
+        change(&mut collected.spec)
+    }
+
+    /// The scene as it is now, checked and cut; the same for all until something is added.
+    pub(crate) fn finished(&self) -> PyResult<Arc<Scene>> {
+        let mut collected = self.lock();
+        if let Some(scene) = &collected.scene {
+            return Ok(scene.clone());
+        }
+        let scene = Arc::new(Scene::new(collected.spec.clone()).map_err(to_py)?);
+        collected.scene = Some(scene.clone());
+        Ok(scene)
     }
 }
 
@@ -43,12 +64,13 @@ impl RasterScene {
             stacks,
             quads,
         };
+        let spec = SceneSpec {
+            tessellation,
+            far,
+            ..SceneSpec::default()
+        };
         Self {
-            spec: Mutex::new(SceneSpec {
-                tessellation,
-                far,
-                ..SceneSpec::default()
-            }),
+            collected: Mutex::new(Collected { spec, scene: None }),
         }
     }
 
@@ -64,9 +86,10 @@ impl RasterScene {
         };
         let bytes = data.as_slice().map_err(gaps("texture"))?;
         let texture = Texture::new(kind, width, height, channels, bytes).map_err(to_py)?;
-        let mut spec = self.lock();
-        spec.textures.push(texture);
-        Ok(spec.textures.len() - 1)
+        Ok(self.change(|spec| {
+            spec.textures.push(texture);
+            spec.textures.len() - 1
+        }))
     }
 
     #[doc = stub!("RasterScene.add_mesh")]
@@ -87,9 +110,10 @@ impl RasterScene {
             face_normals: indices("face_normals", &face_normals)?,
             face_uv: indices("face_uv", &face_uv)?,
         };
-        let mut spec = self.lock();
-        spec.meshes.push(mesh);
-        Ok(spec.meshes.len() - 1)
+        Ok(self.change(|spec| {
+            spec.meshes.push(mesh);
+            spec.meshes.len() - 1
+        }))
     }
 
     #[doc = stub!("RasterScene.add_height_field")]
@@ -104,28 +128,28 @@ impl RasterScene {
             size,
             heights: heights.as_slice().map_err(gaps("heights"))?.to_vec(),
         };
-        let mut spec = self.lock();
-        spec.height_fields.push(field);
-        Ok(spec.height_fields.len() - 1)
+        Ok(self.change(|spec| {
+            spec.height_fields.push(field);
+            spec.height_fields.len() - 1
+        }))
     }
 
     #[doc = stub!("RasterScene.set_shadows")]
     fn set_shadows(&self, size: usize, clip: f32, scale: f32) {
-        self.lock().shadows = Shadows { size, clip, scale };
+        self.change(|spec| spec.shadows = Shadows { size, clip, scale });
     }
 
     #[doc = stub!("RasterScene.set_fog")]
     fn set_fog(&self, rgb: [f32; 3], start: f32, end: f32) {
-        self.lock().fog = Some(Fog { rgb, start, end });
+        self.change(|spec| spec.fog = Some(Fog { rgb, start, end }));
     }
 
     #[doc = stub!("RasterScene.set_sky")]
     fn set_sky(&self, texture: usize, haze_rgb: [f32; 3], haze_proportion: f32) {
-        let mut spec = self.lock();
-        spec.sky = Some(texture);
-        spec.haze = Some(Haze {
+        let haze = Haze {
             rgb: haze_rgb,
             proportion: haze_proportion,
-        });
+        };
+        self.change(|spec| (spec.sky, spec.haze) = (Some(texture), Some(haze)));
     }
 }

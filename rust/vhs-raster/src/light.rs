@@ -123,7 +123,10 @@ impl Lamps {
 impl Lamp {
     fn new(light: Light) -> Self {
         let cos_cutoff = match light.kind {
-            LightKind::Spot { cutoff, .. } if cutoff < 180.0 => cosine_of_degrees(cutoff),
+            // OpenGL takes no other angle: such a light shines to all sides, and evenly.
+            LightKind::Spot { cutoff, .. } if (0.0..=90.0).contains(&cutoff) => {
+                cosine_of_degrees(cutoff)
+            }
             _ => -2.0,
         };
         Self {

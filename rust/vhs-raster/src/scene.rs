@@ -261,7 +261,7 @@ pub enum LightKind {
         attenuation: [f32; 3],
         /// Decrease towards the rim: power of the cosine.
         exponent: f32,
-        /// Half angle of the cone in degrees; 180 means all directions.
+        /// Half angle of the cone in degrees, 0 to 90; any other means all directions alike, whatever the exponent.
         cutoff: f32,
     },
 }
