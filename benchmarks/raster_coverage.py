@@ -1,9 +1,9 @@
 """Which models of the packages that people train on are drawn, and how near to OpenGL: one row a package.
 
-Looks for MJCF files in the installed packages, loads each, draws it with `RasterRenderer` and with
+Looks for MJCF files in installed packages and in folders, loads each, draws it with `RasterRenderer` and with
 `mujoco.Renderer` (shadows and reflections off, 96x96, the free camera) and prints a table. Files that MuJoCo
 does not load on their own (parts, templates) are not counted, missing packages are left out. Run with
-`python benchmarks/raster_coverage.py [PACKAGE ...]`.
+`python benchmarks/raster_coverage.py [PACKAGE_OR_FOLDER ...]`.
 """
 
 from __future__ import annotations
@@ -31,9 +31,11 @@ SIZE = 96
 
 
 def model_files(package: str) -> Iterator[Path]:
-    """MJCF files of an installed package."""
-    found = importlib.util.find_spec(package)
-    for folder in found.submodule_search_locations or () if found else ():
+    """MJCF files of a folder or of an installed package."""
+    folders = [package] if "/" in package else []
+    if not folders and (found := importlib.util.find_spec(package)):
+        folders = list(found.submodule_search_locations or ())
+    for folder in folders:
         for path in sorted(Path(folder).rglob("*.xml")):
             if b"<mujoco" in path.read_bytes()[:4000]:
                 yield path
