@@ -9,12 +9,21 @@ from collections.abc import Callable
 from pathlib import Path
 
 from reference.generated import command_line, configuration, errors
+from results import tables
 
 DOCS = Path(__file__).parent
 PARTS: dict[str, Callable[[], str]] = {
     "command line": command_line,
     "configuration": configuration,
     "errors": errors,
+    "success after 100,000 episodes": tables.long_runs,
+    "success after 30,000 episodes": tables.short_runs,
+    "episodes to a rate": tables.first_to_rate,
+    "relabelling": tables.relabelling,
+    "shipped agents": tables.shipped,
+    "overlooked goals": tables.overlooked,
+    "localisation": tables.localisation,
+    "profile": tables.profile,
 }
 _PART = re.compile(r"(<!-- generated: (.+?) -->\n).*?(<!-- end -->)", re.DOTALL)
 

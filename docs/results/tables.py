@@ -1,139 +1,164 @@
-"""Print the tables of docs/results.md: `python docs/results/tables.py IN.json`, which `summarise.py` made.
-
-First success of the five methods on the three tasks, beside the paper's; then where the mean success over
-2,000 training episodes reaches a rate, as sharp as the log with `--every 500`; then the evaluations. Mean and
-standard deviation over the seeds of each configuration.
-"""
+"""The tables of the results, as Markdown, from the JSON files beside this script; `docs/generate.py` asks."""
 
 import json
-import sys
-from collections import defaultdict
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from results.records import METHODS, TASKS, VARIANTS, counted, curves, episodes_to, evaluations, load
 from vhs.eval.compare import WINDOW
-from vhs.eval.metrics import first_row_at_rate
 from vhs.eval.paper import REFERENCE_RATE, SUCCESS
 
-RATES = (REFERENCE_RATE, 0.90, 0.92, 0.95)
-ROOMS = (0, 1, 2)
-"""Seeds of the evaluations to count: others chose between agents."""
-METHODS = {"vhs": "VHS", "pg": "PG", "gdan": "GDAN", "a3c": "A3C", "gcsl": "GCSL"}
-VARIANTS = {
-    "gdan-learning_rate=0.0005": "GDAN at the others' rate, 5e-4",
-    "pg-embedding=word": "PG with goal words",
-    "vhs-relabel_on=failure+timeout": "VHS, failures and timeouts relabelled",
-    "vhs-relabel_on=timeout": "VHS, timeouts relabelled",
-    "vhs-relabel_probability=0.4": "VHS, relabel probability 0.4",
-    "vhs-relabel_probability=0.6": "VHS, relabel probability 0.6",
-    "vhs-relabel_probability=1.0": "VHS, relabel probability 1",
-}
-"""How the pages name what sweeps call so."""
-Groups = dict[tuple[str, str], list[dict[str, float]]]
-"""Configuration and rooms: the means of each of its runs, actions sampled."""
+LONG, SHORT = "long-2026-11.json", "final-2026-11.json"
 
 
-def comparison(groups: Groups) -> str:
-    """Success with sampled actions beside the paper's."""
-    lines = [
-        "| | Task 1 | in the paper | Task 2 | in the paper | Task 3 | in the paper |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for method in METHODS:
-        cells = [METHODS[method]]
+def long_runs() -> str:
+    """Success after 100,000 episodes beside the paper's."""
+    return _beside_paper(LONG)
+
+
+def short_runs() -> str:
+    """Success after 30,000 episodes beside the paper's."""
+    return _beside_paper(SHORT)
+
+
+def _beside_paper(name: str) -> str:
+    found = evaluations(load(name))
+    rows = []
+    for method, shown in METHODS.items():
+        cells = [shown]
         for task, paper in SUCCESS.items():
-            runs = groups.get((f"{task}-{method}", ", ".join(map(str, ROOMS))))
-            shown = f"{_mean(runs, 'success', 100, ' %')} ({len(runs)})" if runs else "not run"
-            cells += [shown, f"{paper[method]:.1%}".replace("%", " %")]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
+            runs = found.get(f"{task}-{method}")
+            cells += [
+                _seeds([run["success"] for run in runs]) if runs else "not run",
+                _percent(paper[method]),
+            ]
+        rows.append(cells)
+    return _table(["", *(f"Task {task[-1]} | paper" for task in TASKS)], rows)
 
 
-def milestones(records: dict[str, Any]) -> str:
-    """Episodes to each rate, mean success of the last 5,000 episodes, minutes of each whole run."""
-    groups: dict[str, list[NDArray[np.float64]]] = defaultdict(list)
-    for name, run in records.items():
-        groups[name.rpartition("-seed")[0]].append(np.array(run["curve"], dtype=np.float64))
-    rates = " | ".join(f"{rate:.1%}" for rate in RATES)
-    lines = [f"| | seeds | {rates} | last 5,000 | minutes |", "|---" * (4 + len(RATES)) + "|"]
-    for name, curves in sorted(groups.items(), key=lambda item: _place(item[0])):
-        cells = [_shown(name), str(len(curves)), *(_reached(curves, rate) for rate in RATES)]
-        late = [{"success": float(c[c[:, 0] > c[-1, 0] - 5_000, 2].mean())} for c in curves]
-        minutes = " / ".join(f"{curve[-1, 1]:.0f}" for curve in curves)
-        lines.append(f"| {' | '.join([*cells, _mean(late, 'success', 100, ' %'), minutes])} |")
-    return "\n".join(lines)
+def first_to_rate() -> str:
+    """Episodes to the paper's criterion."""
+    rows = []
+    for name, length in ((SHORT, "30,000"), (LONG, "100,000")):
+        found = curves(load(name))
+        for method, shown in METHODS.items():
+            reached = [_reached(REFERENCE_RATE, found.get(f"{task}-{method}", [])) for task in TASKS]
+            rows.append([f"{shown}, runs of {length}", *reached])
+    return _table(["", "Task 1", "Task 2", "Task 3"], rows)
 
 
-def _reached(curves: list[NDArray[np.float64]], rate: float) -> str:
-    """Episodes to a rate: mean and deviation over the seeds, or how many of them reached it."""
-    rows = [first_row_at_rate(curve[:, 0].astype(np.int64), curve[:, 2], rate, WINDOW) for curve in curves]
-    reached = np.array([c[row, 0] for c, row in zip(curves, rows, strict=True) if row is not None])
-    if len(reached) < len(curves):
-        return f"{len(reached)} of {len(curves)} seeds" if len(reached) else "not reached"
+def relabelling() -> str:
+    """What is relabelled, on Task 2: episodes to two rates, and success in the end."""
+    records = load(SHORT)
+    found, ends = curves(records), evaluations(records)
+    rows = []
+    for variant, shown in VARIANTS.items():
+        runs = found[f"task2-{variant}"]
+        success = _seeds([run["success"] for run in ends[f"task2-{variant}"]])
+        rows.append([shown, _reached(REFERENCE_RATE, runs), _reached(0.9, runs), success])
+    return _table(["relabelled", "74.3 % at", "90 % at", "success in the end"], rows)
+
+
+def shipped() -> str:
+    """The agents that come with the package."""
+    rows = []
+    for task in TASKS:
+        entries = json.loads((_ROOT / "pretrained" / task / "eval.json").read_text(encoding="utf-8"))
+        for greedy in (False, True):
+            rooms = counted(entries, greedy=greedy)
+            means = {key: float(np.mean([room[key] for room in rooms])) for key in _SHIPPED}
+            each = " / ".join(f"{100 * room['success']:.1f}" for room in rooms)
+            rows.append([
+                f"Task {task[-1]}, {'`--greedy`' if greedy else 'sampled'}",
+                f"{_percent(means['success'])} ({each})",
+                _percent(means["failure"]), _percent(means["timeout"]), f"{means['spl']:.3f}",
+                f"{means['steps']:.1f} ({means['optimal_steps']:.1f})",
+            ])  # fmt: skip
+    return _table(["", "success (rooms 0 / 1 / 2)", "failure", "timeout", "SPL", "steps (shortest)"], rows)
+
+
+def overlooked() -> str:
+    """Success by how much of the goal can be seen."""
+    rows = []
+    for row in load("overlooked-task2.json")["table"]:
+        low, high = row["pixels"]
+        shown = (
+            f"below {high}" if low == 0 else f"{low} and more" if high == 84 * 84 else f"{low} to {high - 1}"
+        )
+        rows.append([shown, str(row["episodes"]), _percent(row["success"] / row["episodes"])])
+    return _table(["pixels of the goal in the best view", "episodes", "success"], rows)
+
+
+def localisation() -> str:
+    """With and without hindsight localisation: success on the way, and in rooms that training never saw."""
+    records = load("localisation-2026-11.json")
+    marks = (3_000, 5_000, 7_000)
+    rows = []
+    for name, shown in _LOCALISATION.items():
+        run = records[name]
+        curve = curves({name: run})[name.rpartition("-seed")[0]]
+        at = [_window(curve[0], mark) for mark in marks]
+        ends = [f"{_percent(entry['success'])}, SPL {entry['spl']:.2f}" for entry in run["evaluations"]]
+        rows.append([shown, *at, _reached(REFERENCE_RATE, curve, 500), *(ends or [""])])
+    head = ["", *(f"at {mark:,}" for mark in marks), "74.3 % at", "after 12,000, rooms of seed 9"]
+    return _table(head, rows)
+
+
+def profile() -> str:
+    """Microseconds of a training step by part, with and without bfloat16."""
+    machines = [load(name) for name in ("profile-bfloat16-2026-11.json", "profile-2026-11.json")]
+    parts = sorted(machines[0]["us_per_step"], key=lambda part: -machines[0]["us_per_step"][part])
+    rows = []
+    for part in parts:
+        cells = [part]
+        for machine in machines:
+            us = machine["us_per_step"]
+            cells.append(f"{us[part]:.0f} ({us[part] / sum(us.values()):.0%})")
+        rows.append(cells)
+    rows.append(["steps per second", *(f"{machine['steps_per_s']:.0f}" for machine in machines)])
+    return _table(["microseconds per step", "bfloat16", "float32"], rows)
+
+
+_ROOT = Path(__file__).parents[2]
+_SHIPPED = ("success", "failure", "timeout", "spl", "steps", "optimal_steps")
+_LOCALISATION = {
+    f"{name}-seed{seed}": f"{shown}, seed {seed}"
+    for seed in range(3)
+    for name, shown in (("base", "without"), ("m1", "with"))
+}
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    columns = " | ".join(head)
+    lines = [f"| {columns} |", "|" + "---|" * (columns.count("|") + 1)]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"
+
+
+def _seeds(shares: Sequence[float]) -> str:
+    """Mean and deviation over seeds, and how many there are."""
+    deviation = f" ± {100 * np.std(shares, ddof=1):.1f}" if len(shares) > 1 else ""
+    return f"{100 * np.mean(shares):.1f}{deviation} % ({len(shares)})"
+
+
+def _reached(rate: float, runs: list[Any], window: int = WINDOW) -> str:
+    """Episodes to a rate, mean and deviation over the seeds, or how many of them reached it."""
+    if not runs:
+        return "not run"
+    reached = episodes_to(rate, runs, window)
+    if len(reached) < len(runs):
+        return f"{len(reached)} of {len(runs)} seeds" if len(reached) else "not reached"
     deviation = f" ± {reached.std(ddof=1):,.0f}" if len(reached) > 1 else ""
-    return f"{reached.mean():,.0f}{deviation}"
+    return f"{reached.mean():,.0f}{deviation} ({len(reached)})"
 
 
-def evaluated(records: dict[str, Any]) -> Groups:
-    """Group the evaluations of runs that differ by seed alone."""
-    groups: Groups = defaultdict(list)
-    for name, run in records.items():
-        newest = max(entry["trained_episodes"] for entry in run["evaluations"])
-        entries = [
-            entry
-            for entry in run["evaluations"]
-            if entry["trained_episodes"] == newest and entry["seed"] in ROOMS and not entry["greedy"]
-        ]
-        rooms = ", ".join(map(str, sorted(entry["seed"] for entry in entries)))
-        means = {
-            key: float(np.mean([entry[key] for entry in entries]))
-            for key in ("success", "failure", "timeout", "spl")
-        }
-        groups[name.rpartition("-seed")[0], rooms].append(means)
-    return groups
-
-
-def evaluations(groups: Groups) -> str:
-    """Success, outcomes and SPL of each configuration and task."""
-    lines = [
-        "| | rooms | seeds | success | failure | timeout | SPL |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for (name, rooms), runs in sorted(groups.items(), key=lambda item: _place(item[0][0])):
-        cells = [_shown(name), rooms, str(len(runs)), _mean(runs, "success", 100, " %")]
-        cells += [
-            _mean(runs, "failure", 100, " %"),
-            _mean(runs, "timeout", 100, " %"),
-            _mean(runs, "spl", 1, ""),
-        ]
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines)
-
-
-def _place(name: str) -> tuple[bool, str, int]:
-    """Methods by task, as the paper orders them, then variants."""
-    task, _, variant = name.partition("-")
-    return variant not in METHODS, task, [*METHODS, *VARIANTS].index(variant)
-
-
-def _shown(name: str) -> str:
-    task, _, variant = name.partition("-")
-    return f"Task {task[-1]}, {(METHODS | VARIANTS)[variant]}"
-
-
-def _mean(runs: list[dict[str, float]], key: str, factor: float, unit: str) -> str:
-    values = np.array([run[key] for run in runs]) * factor
-    digits = 1 if unit else 3
-    deviation = f" ± {values.std(ddof=1):.{digits}f}" if len(values) > 1 else ""
-    return f"{values.mean():.{digits}f}{deviation}{unit}"
-
-
-if __name__ == "__main__":
-    if len(sys.argv) != 2:
-        sys.exit("usage: python docs/results/tables.py IN.json")
-    read = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))
-    groups = evaluated(read)
-    print(comparison(groups), milestones(read), evaluations(groups), sep="\n\n")
+def _window(curve: Any, end: int) -> str:
+    """Success in the 500 episodes before `end`."""
+    inside = (curve[:, 0] > end - 500) & (curve[:, 0] <= end)
+    return f"{100 * curve[inside, 1].mean():.0f} %"

@@ -1,0 +1,167 @@
+"""Draw the figures of the results: `python docs/results/draw.py` writes SVG files beside this script.
+
+Curves are means over the seeds that there are, bands from the lowest to the highest of them.
+"""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from results.records import HERE, METHODS, TASKS, VARIANTS, Curve, curves, load
+from results.tables import LONG, SHORT
+from vhs.eval.paper import SUCCESS
+
+COLOURS = {"vhs": "#093dbe", "pg": "#8f498a", "gdan": "#e47711", "a3c": "#191a1b", "gcsl": "#17a874"}
+"""Those of reports: told apart whatever kind of colour-blindness one has."""
+OTHERS = ("#093dbe", "#7a9ff0", "#4c6fd0", "#0a1f5c", "#e47711", "#7b312c", "#8f498a", "#17a874")
+PARTS = ("#093dbe", "#e47711", "#8b939e")
+STYLE = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "vhs",
+    "font.family": "sans-serif",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+}
+
+
+def methods(name: str) -> Figure:
+    """Success over training, a panel a task."""
+    found = curves(load(name))
+    figure, panels = plt.subplots(1, 3, figsize=(12, 3.8), layout="constrained", sharey=True)
+    for task, axes in zip(TASKS, panels, strict=True):
+        for method, shown in METHODS.items():
+            _band(axes, found.get(f"{task}-{method}", []), shown, COLOURS[method])
+        axes.axhline(SUCCESS[task]["vhs"], color=COLOURS["vhs"], linewidth=1, linestyle=":")
+        axes.set(title=f"Task {task[-1]} (dotted: VHS in the paper)")
+        _success(axes)
+    panels[0].legend()
+    return figure
+
+
+def relabelling() -> Figure:
+    """Success over training, Task 2, by what is relabelled."""
+    found = curves(load(SHORT))
+    figure, axes = plt.subplots(figsize=(9, 4.4), layout="constrained")
+    for colour, (variant, shown) in zip(OTHERS, VARIANTS.items(), strict=True):
+        _band(axes, found[f"task2-{variant}"], shown, colour)
+    _success(axes)
+    axes.legend(loc="lower right")
+    return figure
+
+
+def localisation() -> Figure:
+    """Success over training, Task 2, with and without hindsight localisation."""
+    found = curves(load("localisation-2026-11.json"))
+    figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
+    for name, shown, colour in (
+        ("m1", "with localisation", COLOURS["vhs"]),
+        ("base", "without", COLOURS["gdan"]),
+    ):
+        _band(axes, found[name], shown, colour)
+    _success(axes)
+    axes.legend(loc="lower right")
+    return figure
+
+
+def overlooked() -> Figure:
+    """Outcomes by how much of the goal can be seen."""
+    rows = load("overlooked-task2.json")["table"]
+    names = [
+        f"{low}-{high - 1}" if high < 84 * 84 else f"{low}+" for low, high in (row["pixels"] for row in rows)
+    ]
+    figure, axes = plt.subplots(figsize=(7, 3.6), layout="constrained")
+    counts = np.array([[row["success"], row["failure"] + row["timeout"]] for row in rows])
+    shares = 100 * counts / counts.sum(axis=1, keepdims=True)
+    axes.bar(names, shares[:, 0], color=COLOURS["vhs"], label="success")
+    axes.bar(names, shares[:, 1], bottom=shares[:, 0], color=PARTS[2], label="timeout or failure")
+    for place, count in enumerate(counts.sum(axis=1)):
+        axes.text(place, 3, f"{count}", ha="center", color="white", fontsize=9)
+    axes.set(
+        xlabel="pixels of the goal in the best of eight views from the start (in the bars: episodes)",
+        ylabel="% of episodes",
+    )
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
+    return figure
+
+
+def profile() -> Figure:
+    """Where the time of a training step goes."""
+    figure, axes = plt.subplots(figsize=(9, 2.4), layout="constrained")
+    groups = {
+        "network: forward, backward, losses, optimiser": (
+            "backward",
+            "extractor",
+            "LSTM",
+            "optimiser",
+            "SupCon",
+        ),
+        "environments: physics, drawing, reset": ("rooms",),
+        "acting, and the rest": ("acting", "update", "goal images", "python"),
+    }
+    for row, (shown, name) in enumerate(
+        (("float32", "profile-2026-11"), ("bfloat16", "profile-bfloat16-2026-11"))
+    ):
+        us, left = load(f"{name}.json")["us_per_step"], 0.0
+        for colour, (group, starts) in zip(PARTS, groups.items(), strict=True):
+            width = sum(value for part, value in us.items() if part.startswith(starts))
+            axes.barh(shown, width, left=left, color=colour, label=group if row else None)
+            axes.text(left + width / 2, row, f"{width:.0f}", ha="center", va="center", color="white")
+            left += width
+    axes.set(xlabel="microseconds per environment step, one core")
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, fontsize=9)
+    return figure
+
+
+FIGURES = {
+    "methods-long.svg": lambda: methods(LONG),
+    "methods-short.svg": lambda: methods(SHORT),
+    "relabelling.svg": relabelling,
+    "localisation.svg": localisation,
+    "overlooked.svg": overlooked,
+    "profile.svg": profile,
+}
+
+
+def _success(axes: Axes) -> None:
+    axes.set(xlabel="episodes", ylim=(0, 1), xlim=(0, None))
+    axes.xaxis.set_major_formatter(lambda x, _: f"{x / 1000:g}k")
+    axes.yaxis.set_major_formatter(lambda y, _: f"{y:.0%}")
+
+
+def _band(axes: Axes, runs: list[Curve], label: str, colour: str) -> None:
+    """A line without drawn steps: of each curve as many points as a figure shows."""
+    if not runs:
+        return
+    length = min(len(run) for run in runs)
+    success = np.array([_smooth(run[:length, 1]) for run in runs])
+    episodes = runs[0][:length, 0]
+    seeds = f", {len(runs)} seeds" if len(runs) > 1 else ""
+    line: dict[str, Any] = {"color": colour, "linewidth": 1.6, "label": label + seeds}
+    axes.plot(episodes, success.mean(axis=0).round(3), **line)
+    if len(runs) > 1:
+        low, high = success.min(axis=0), success.max(axis=0)
+        axes.fill_between(episodes, low, high, color=colour, alpha=0.18, linewidth=0)
+
+
+def _smooth(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Mean over three rows; at the ends over two."""
+    sums = np.convolve(values, np.ones(3), mode="same")
+    return sums / np.convolve(np.ones_like(values), np.ones(3), mode="same")
+
+
+if __name__ == "__main__":
+    for name, draw in FIGURES.items():
+        with mpl.rc_context(STYLE):
+            draw().savefig(HERE / name, metadata={"Date": None})

@@ -1,0 +1,73 @@
+"""What the JSON files beside this script hold, as the tables and figures need it."""
+
+import json
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vhs.eval.compare import WINDOW
+from vhs.eval.metrics import first_row_at_rate
+
+HERE = Path(__file__).parent
+ROOMS = (0, 1, 2)
+"""Seeds of the evaluations that count: others chose between agents."""
+TASKS = ("task1", "task2", "task3")
+METHODS = {"vhs": "VHS", "pg": "PG", "gdan": "GDAN", "a3c": "A3C", "gcsl": "GCSL"}
+VARIANTS = {
+    "vhs": "failures, probability 0.8 (VHS)",
+    "vhs-relabel_probability=0.4": "failures, probability 0.4",
+    "vhs-relabel_probability=0.6": "failures, probability 0.6",
+    "vhs-relabel_probability=1.0": "failures, probability 1",
+    "vhs-relabel_on=failure+timeout": "failures and timeouts",
+    "vhs-relabel_on=timeout": "timeouts",
+    "pg": "nothing (PG)",
+    "pg-embedding=word": "nothing, goals told by words",
+}
+"""What is relabelled, as sweeps call it and as the pages do."""
+
+Curve = NDArray[np.float64]
+
+
+def load(name: str) -> Any:
+    """The content of a file beside this script."""
+    return json.loads((HERE / name).read_text(encoding="utf-8"))
+
+
+def curves(records: dict[str, Any]) -> dict[str, list[Curve]]:
+    """Episodes and success of every run, by what its name says before the seed; each of shape [rows, 2]."""
+    found: dict[str, list[Curve]] = defaultdict(list)
+    for name, run in records.items():
+        at = [run["columns"].index(column) for column in ("episodes", "success")]
+        found[name.rpartition("-seed")[0]].append(np.array(run["curve"], dtype=np.float64)[:, at])
+    return found
+
+
+def evaluations(records: dict[str, Any]) -> dict[str, list[dict[str, float]]]:
+    """Means of each run over the rooms that count, actions sampled, of its most trained evaluation."""
+    found: dict[str, list[dict[str, float]]] = defaultdict(list)
+    for name, run in records.items():
+        entries = counted(run["evaluations"], greedy=False)
+        if entries:
+            keys = ("success", "failure", "timeout", "spl")
+            means = {key: float(np.mean([entry[key] for entry in entries])) for key in keys}
+            found[name.rpartition("-seed")[0]].append(means)
+    return found
+
+
+def counted(entries: list[dict[str, Any]], *, greedy: bool) -> list[dict[str, Any]]:
+    """The newest evaluations in the rooms that count."""
+    newest = max((entry["trained_episodes"] for entry in entries), default=0)
+    return [
+        entry
+        for entry in entries
+        if entry["trained_episodes"] == newest and entry["seed"] in ROOMS and entry["greedy"] == greedy
+    ]
+
+
+def episodes_to(rate: float, runs: list[Curve], window: int = WINDOW) -> NDArray[np.float64]:
+    """Episodes until the mean success of the last `window` reached a rate, of each run that reached it."""
+    rows = [first_row_at_rate(curve[:, 0].astype(np.int64), curve[:, 1], rate, window) for curve in runs]
+    return np.array([curve[row, 0] for curve, row in zip(runs, rows, strict=True) if row is not None])
