@@ -1,5 +1,6 @@
 """The docs keep their word: their code runs, their commands parse, their links lead somewhere."""
 
+import json
 import os
 import re
 import subprocess
@@ -10,6 +11,8 @@ from typing import Any
 
 import pytest
 from pages import DOCS, ROOT, blocks, read
+
+from vhs.runs.rows import read_log
 
 PAGES = sorted(DOCS.rglob("*.md"))
 OTHERS = [
@@ -45,6 +48,20 @@ def test_the_guide_to_an_own_environment_ends_with_a_report(
     subprocess.run([sys.executable, "-W", "error", "-c", code], check=True, timeout=110, cwd=tmp_path)
     assert (tmp_path / "film.gif").stat().st_size > 1000
     assert "Asked and reached" in read(tmp_path / "runs" / "mine" / "report.html")
+
+
+@pytest.mark.slow
+def test_the_notebook_trains_its_toy_and_shows_the_report(tmp_path: Path) -> None:
+    """As it stands, in a fresh process; it learns as well: chance succeeds in two episodes of five."""
+    cells = json.loads(read(ROOT / "examples" / "toy.ipynb"))["cells"]
+    code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+    assert all(not cell.get("outputs") for cell in cells), "outputs are made, not committed"
+    shown, _, last = code[-1].rpartition("\n")
+    end = "assert 'Outcomes by goal' in shown.data and '<iframe' in shown.data"
+    script = "\n".join([*code[:-1], shown, f"shown = {last}", end])
+    subprocess.run([sys.executable, "-W", "error", "-c", script], check=True, timeout=110, cwd=tmp_path)
+    rows = read_log(tmp_path / "runs" / "lamps")
+    assert sum(row["rate/success"] for row in rows[-3:]) / 3 > 0.55
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
