@@ -83,7 +83,7 @@ fuzz:  ## fuzz what loads files, a minute each (cargo install cargo-fuzz); new i
 ci: test  ## what the continuous integration runs: the same as test
 
 clean:  ## remove the environment and everything that was built
-	rm -rf $(VENV) target
+	rm -rf $(VENV) target .cache
 
 $(BIN)/maturin:
 	$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(None if v >= (3, 11) else "vhs needs Python 3.11 or newer, found %d.%d; say which one: make PYTHON=python3.11" % v)'

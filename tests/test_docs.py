@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from pages import DOCS, ROOT, blocks, read
 
+import vhs
 from vhs.runs.rows import read_log
 
 PAGES = sorted(DOCS.rglob("*.md"))
@@ -85,6 +86,16 @@ def test_links_lead_somewhere(page: Path) -> None:
             )
 
 
+@pytest.mark.parametrize("page", [*PAGES, *OTHERS], ids=lambda page: str(page.relative_to(ROOT)))
+def test_a_line_is_short_and_holds_one_sentence(page: Path) -> None:
+    """So that a change shows what it changed; code is short too, and titles and tables may say more."""
+    lines = read(page).splitlines()
+    assert [line for line in lines if len(line) > 120] == []
+    prose = re.sub(r"```.*?```", "", read(page), flags=re.DOTALL).splitlines()
+    several = re.compile(r"[a-z0-9)`%\]]{2}[.?!] (?!\d)[A-Z`*\[][a-z]")
+    assert [line for line in prose if not line.startswith(("|", "#")) and several.search(line)] == []
+
+
 def test_every_page_stands_in_the_navigation() -> None:
     def pages(nav: Any) -> list[str]:
         if isinstance(nav, str):
@@ -93,6 +104,12 @@ def test_every_page_stands_in_the_navigation() -> None:
 
     nav = tomllib.loads((ROOT / "zensical.toml").read_text())["project"]["nav"]
     assert sorted(pages(nav)) == sorted(str(page.relative_to(DOCS)) for page in PAGES)
+
+
+def test_every_public_name_stands_in_the_reference() -> None:
+    shown = set(re.findall(r"^::: [\w.]+\.(\w+)$", read(DOCS / "reference" / "python.md"), re.MULTILINE))
+    errors = set(re.findall(r"^`(\w+)`", read(DOCS / "reference" / "errors.md"), re.MULTILINE))
+    assert set(vhs.__all__) - errors == (set(vhs.__all__) & shown) | {"train"}  # `vhs.train.api.train_on`
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))

@@ -141,10 +141,15 @@ def _percent(share: float) -> str:
     return f"{100 * share:.1f} %"
 
 
+def _whole(cell: str) -> str:
+    """A number that no line breaks."""
+    return cell.replace(" ", "\N{NO-BREAK SPACE}")
+
+
 def _seeds(shares: Sequence[float]) -> str:
     """Mean and deviation over seeds, and how many there are."""
     deviation = f" ± {100 * np.std(shares, ddof=1):.1f}" if len(shares) > 1 else ""
-    return f"{100 * np.mean(shares):.1f}{deviation} % ({len(shares)})"
+    return _whole(f"{100 * np.mean(shares):.1f}{deviation} % ({len(shares)})")
 
 
 def _reached(rate: float, runs: list[Any], window: int = WINDOW) -> str:
@@ -155,7 +160,7 @@ def _reached(rate: float, runs: list[Any], window: int = WINDOW) -> str:
     if len(reached) < len(runs):
         return f"{len(reached)} of {len(runs)} seeds" if len(reached) else "not reached"
     deviation = f" ± {reached.std(ddof=1):,.0f}" if len(reached) > 1 else ""
-    return f"{reached.mean():,.0f}{deviation} ({len(reached)})"
+    return _whole(f"{reached.mean():,.0f}{deviation} ({len(reached)})")
 
 
 def _window(curve: Any, end: int) -> str:

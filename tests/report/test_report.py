@@ -2,14 +2,17 @@
 
 import re
 import shutil
+import subprocess
 from io import StringIO
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from pages import DOCS, read
 
 from vhs.cli import main
 from vhs.errors import CheckpointError
+from vhs.learning.terms import TERMS
 from vhs.report import decoder, report
 from vhs.runs.checkpoint import load_checkpoint, save_checkpoint
 from vhs.runs.rows import read_log
@@ -63,6 +66,15 @@ def test_the_page_refers_to_nothing_outside_itself(page_of_one: Path) -> None:
     assert all(link[1:] in anchors for link in links if link.startswith("#"))
 
 
+@pytest.mark.skipif(shutil.which("node") is None, reason="nothing here reads JavaScript")
+def test_the_script_of_the_page_is_whole(page_of_one: Path, tmp_path: Path) -> None:
+    """What a browser would run, with the marks that keep it out of the XML."""
+    (script,) = parse(page_of_one).iter("script")
+    assert script.text is not None
+    (tmp_path / "hover.js").write_text(script.text)
+    subprocess.run(["node", "--check", str(tmp_path / "hover.js")], check=True)
+
+
 def test_an_episode_shows_a_picture_a_moment_and_its_way(page_of_one: Path) -> None:
     cards = parse(page_of_one).findall(".//section[@id='episodes']/div")
     assert cards
@@ -95,6 +107,15 @@ def test_curves_carry_the_numbers_of_the_log(bare: Path, tmp_path: Path) -> None
     told = [float(y) for y in curves[0].attrib["data-y"].split()]
     assert told == pytest.approx([row["rate/success"] for row in rows], rel=1e-5)
     assert curves[0].get("data-kind") == "share"
+
+
+def test_every_logged_metric_is_explained(runs: Path) -> None:
+    page = read(DOCS / "reference" / "metrics.md").split("## Evaluations")[0]
+    explained = {
+        name for line in page.splitlines() if line[:1] == "`" for name in re.findall(r"`([\w/]+)`", line)
+    }
+    logged = {re.sub(r"^goals/\d+$", "goals/N", key) for row in read_log(runs / "seed0") for key in row}
+    assert logged | {f"loss/{term}" for term in TERMS} == explained
 
 
 def test_an_environment_without_map_and_way_shows_what_there_is(
