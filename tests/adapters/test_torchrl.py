@@ -28,11 +28,8 @@ from vhs.adapters.torchrl import PoolEnv  # noqa: E402
 
 from .goal_envs import LIMIT, EndingLine, Line, Tile  # noqa: E402
 
-
-@pytest.fixture(autouse=True, scope="module")
-def _leaves_multiprocessing_as_it_was() -> None:
-    """Importing TorchRL told it to spawn, and not these tests alone."""
-    multiprocessing.set_start_method(None, force=True)  # type: ignore[arg-type] # as if nobody had said anything
+# Importing TorchRL told it to spawn, and not these tests alone: as if nobody had said anything.
+multiprocessing.set_start_method(None, force=True)  # type: ignore[arg-type]
 
 
 class Deadly(Line):
