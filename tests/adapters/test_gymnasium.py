@@ -14,6 +14,8 @@ import vhs.envs
 from vhs.adapters.gymnasium import pooled
 from vhs.rollout import RolloutVectorEnv
 
+pytestmark = pytest.mark.slow  # they start processes
+
 
 @pytest.mark.parametrize("how", [{}, {"vectorization_mode": "vector_entry_point", "num_workers": 2}])
 def test_make_vec_makes_a_pool_that_steps_as_its_own_vector(how: dict[str, Any]) -> None:

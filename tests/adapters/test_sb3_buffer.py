@@ -247,6 +247,7 @@ def test_a_normaliser_is_applied_when_steps_are_drawn() -> None:
     np.testing.assert_array_equal(shown.observations["desired_goal"], plain.observations["desired_goal"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", [DQN, SAC, TD3, DDPG])
 def test_algorithms_train_save_load_and_go_on(algorithm: Any, tmp_path: Path) -> None:
     made = EndingLine if algorithm is DQN else lambda: EndingLine(is_continuous=True)
@@ -347,6 +348,7 @@ def test_what_was_reached_must_be_what_is_seen_where_it_is_said_to_be() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(300)
 def test_bits_are_flipped_with_hindsight_and_not_without() -> None:
     # Seeds 0 to 2: 1.00 of the last 40 episodes with it, 0.00 to 0.03 without.
     assert flipped(n_sampled_goal=4) > 0.8

@@ -24,6 +24,8 @@ from vhs.adapters.sb3 import HindsightBuffer, PoolVecEnv
 
 from .goal_envs import LIMIT, EndingLine, Line, Tile
 
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]  # they start processes
+
 
 class Deadly(Line):
     """Its process ends in the third step of its first episode."""
@@ -146,7 +148,6 @@ def test_a_vector_keeps_its_size_and_a_step_is_sent_before_it_is_waited_for() ->
     vector.close()
 
 
-@pytest.mark.slow
 def test_algorithms_learn_on_a_pool() -> None:
     vector = VecMonitor(PoolVecEnv(EndingLine, 2, 2))
     try:

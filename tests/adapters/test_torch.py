@@ -103,6 +103,7 @@ def test_an_error_is_raised_in_its_turn_and_the_thread_ends() -> None:
     assert not calls[0].is_alive()
 
 
+@pytest.mark.slow
 def test_workers_of_a_loader_draw_different_batches_in_every_epoch() -> None:
     buffer = filled()
     data = Batches(lambda: buffer.sample_transitions(16, "future"), count=7)
@@ -112,6 +113,7 @@ def test_workers_of_a_loader_draw_different_batches_in_every_epoch() -> None:
     assert len({*first, *second}) == 14
 
 
+@pytest.mark.slow
 def test_forks_beside_a_thread_that_draws_neither_hang_nor_repeat() -> None:
     buffer = filled()
     seen: set[tuple[tuple[int, int], ...]] = set()
@@ -125,6 +127,7 @@ def test_forks_beside_a_thread_that_draws_neither_hang_nor_repeat() -> None:
     assert len(seen) == 5 * (1 + 4)
 
 
+@pytest.mark.slow
 def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(vhs.ArgumentError, match="ahead"):
         Batches(dict, ahead=0)

@@ -31,6 +31,8 @@ from .goal_envs import LIMIT, EndingLine, Line, Tile  # noqa: E402
 # Importing TorchRL told it to spawn, and not these tests alone: as if nobody had said anything.
 multiprocessing.set_start_method(None, force=True)  # type: ignore[arg-type]
 
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]  # they start processes
+
 
 class Deadly(Line):
     """Its process ends in the third step of its first episode."""
@@ -191,7 +193,6 @@ def test_goals_that_are_classes_are_labels() -> None:
         tensordict_of(buffer.gather([0, 1]))
 
 
-@pytest.mark.slow
 def test_its_dqn_learns_from_our_batches_on_our_pool(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(Path(__file__).parents[2] / "examples")
     example = importlib.import_module("torchrl_dqn")

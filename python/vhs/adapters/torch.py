@@ -36,9 +36,10 @@ class Batches(IterableDataset[Tensors]):
             ...
 
     Every iteration has a thread of its own, which ends with it. It draws `ahead` batches more than are taken,
-    in the order of the calls: what is recorded meanwhile is seen that much later. Where a `DataLoader` forks
-    workers (`DataLoader(Batches(...), batch_size=None, num_workers=2)`), each draws from its copy of the
-    buffer as it was when the loader's iteration began, and no two the same.
+    in the order of the calls: what is recorded meanwhile is seen that much later, and how much depends on the
+    machine; a run that is to repeat bit by bit draws itself. Where a `DataLoader` forks workers
+    (`DataLoader(Batches(...), batch_size=None, num_workers=2)`), each draws from its copy of the buffer as it
+    was when the loader's iteration began, and no two the same.
     """
 
     def __init__(
