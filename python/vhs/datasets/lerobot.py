@@ -191,7 +191,8 @@ class _Rows:
         self._table = dataset.hf_dataset.with_format("arrow")
         numbers = np.array(self._table["episode_index"].to_pylist())
         starts = np.flatnonzero(np.diff(numbers, prepend=numbers[:1] - 1))
-        self.episodes = [slice(*ends) for ends in zip(starts, [*starts[1:], len(numbers)], strict=True)]
+        ends = [*starts[1:].tolist(), len(numbers)]
+        self.episodes = [slice(*span) for span in zip(starts.tolist(), ends, strict=True)]
 
     def pictures(self, name: str, rows: slice) -> NDArray[np.uint8]:
         """uint8 [T, H, W, C]; LeRobot shows them as float32 [C, H, W] in 0..1."""
