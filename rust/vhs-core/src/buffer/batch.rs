@@ -255,10 +255,9 @@ impl EpisodeBuffer {
         row_bytes: usize,
         out: &mut [u8],
     ) -> Result<()> {
+        let frames = self.frames();
         self.write_rows(index, row_bytes, out, |place, out| {
-            for (t, row) in out.chunks_exact_mut(row_bytes).enumerate() {
-                self.write_observation(episodes[place], t, row);
-            }
+            frames.write_all(episodes[place], 0, row_bytes, out);
         })
     }
 
