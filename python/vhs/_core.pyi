@@ -217,6 +217,15 @@ class GoalStore:
         """Images stored of each class, int64 [num_classes]."""
 
     @property
+    def rng_state(self) -> NDArray[np.uint64]:
+        """State of the generator behind the draws, uint64 [4]; it can be set.
+
+        Setting it raises ShapeError, DtypeError or ArgumentError for what is no state.
+        """
+
+    @rng_state.setter
+    def rng_state(self, state: ArrayLike) -> None: ...
+    @property
     def num_classes(self) -> int:
         """Goal classes."""
 

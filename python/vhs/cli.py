@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from vhs import VhsError, __version__
 from vhs.console import Output
 from vhs.distribution import find_agent, find_sweep, pip_install
+from vhs.errors import ToldError
 
 if TYPE_CHECKING:
     from vhs import Task
@@ -34,6 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     happens to standard output ends a training or a sweep; a result that could not be told is an error.
     """
     options = _parser().parse_args(arguments)
+    options.arguments = list(sys.argv[1:] if arguments is None else arguments)
     out, errors = Output(), Output(sys.stderr)
     options.say, options.warn = out.say, errors.say
     try:
@@ -42,6 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if error.name is None or error.name.partition(".")[0] == "vhs":
             raise
         errors.say(f"vhs: {error.name} is not installed; {pip_install(options.extra)}")
+        status = 1
+    except ToldError:
         status = 1
     except VhsError as error:
         errors.say(f"vhs: {error}")
@@ -84,6 +88,13 @@ def _add_train(parser: argparse.ArgumentParser) -> None:
     _add_config(parser)
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="directory of the run (default: runs/TASK-METHOD-seedN)"
+    )
+    parser.add_argument(
+        "--processes",
+        type=_positive,
+        default=1,
+        metavar="N",
+        help="train with so many processes on this machine; several machines: torchrun ... -m vhs train ...",
     )
     parser.set_defaults(run=_train)
 
@@ -260,9 +271,16 @@ def _train(options: argparse.Namespace) -> int:
     from vhs.config import load_config
     from vhs.runs.directory import default_run_directory
     from vhs.train import train
+    from vhs.world import is_rank, joined
+    from vhs.world.launch import launch
 
-    config = load_config(options.config, options.set, task=options.task)
-    finished = train(config, options.out or default_run_directory(config))
+    if options.processes > 1 and not is_rank():
+        load_config(options.config, options.set, task=options.task)  # what is wrong with it is told once
+        return launch(options.processes, options.arguments)
+    with joined() as world:
+        with world.together():
+            config = load_config(options.config, options.set, task=options.task)
+        finished = train(config, options.out or default_run_directory(config), world=world)
     return 0 if finished else 130
 
 

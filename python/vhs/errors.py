@@ -13,7 +13,9 @@ __all__ = [
     "ConfigError",
     "DivergenceError",
     "OutputError",
+    "PeerError",
     "ReplayError",
+    "ToldError",
     "VhsError",
 ]
 
@@ -40,3 +42,11 @@ class OutputError(VhsError, RuntimeError):
 
 class ReplayError(VhsError, RuntimeError):
     """An episode that did not go as before when it was played again from its seed and actions."""
+
+
+class PeerError(VhsError, RuntimeError):
+    """Another process of the same training is gone, failed, or was started with something else."""
+
+
+class ToldError(VhsError, RuntimeError):
+    """What ended all processes of a training, in one that another process speaks for."""

@@ -21,7 +21,7 @@ from vhs.runs.directory import open_run
 from vhs.runs.rows import read_log
 from vhs.train import train
 from vhs.train.log import TrainingLog
-from vhs.train.loop import Session
+from vhs.train.session import Session
 
 pytestmark = pytest.mark.slow
 
@@ -135,7 +135,6 @@ def test_the_comparison_sees_a_single_bit(straight: Path) -> None:
     [
         [],
         ["method.prototype=exact", "train.episodes_per_update=3", "env.num_envs=5"],
-        ["train.learners=2"],
     ],
 )
 def test_a_run_stopped_by_ctrl_c_equals_the_uninterrupted_one(

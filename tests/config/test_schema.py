@@ -66,7 +66,7 @@ def test_the_paper_overlay_switches_departures_of_the_method_off() -> None:
         1.0,
         "behaviour",
     )
-    assert (train.return_lambda, train.value_weight, train.learners) == (1.0, 0.5, 1)
+    assert (train.return_lambda, train.value_weight) == (1.0, 0.5)
     assert train.learning_rate_end is train.entropy_weight_end is None
 
 

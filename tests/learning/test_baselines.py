@@ -41,7 +41,7 @@ def goals_of(learner: Learner, batch: EpisodeBatch) -> Tensor:
 
 
 def update(learner: Learner, batch: EpisodeBatch) -> dict[str, float]:
-    return learner.update([(batch, goals_of(learner, batch))])
+    return learner.update(batch, goals_of(learner, batch))
 
 
 def weights(learner: Learner) -> dict[str, Tensor]:
@@ -162,16 +162,7 @@ def test_words_are_looked_up_anew_when_learning(name: str) -> None:
     batch = make_batch(OUTCOMES)
     first, second = toy_learner(name), toy_learner(name)
     stale = torch.full((len(OUTCOMES), 16), float("nan"))
-    assert update(first, batch) == second.update([(batch, stale)])
-
-
-def test_learners_that_share_an_update_share_the_words() -> None:
-    learner = toy_learner("a3c", "train.learners=2", "train.episodes_per_update=2")
-    before = learner.goals.begin(0), learner.goals.begin(1)
-    shares = [make_batch([Outcome.FAILURE]), make_batch([Outcome.FAILURE, Outcome.SUCCESS])]
-    learner.update([(batch, goals_of(learner, batch)) for batch in shares])
-    assert not torch.equal(before[0], learner.goals.begin(0))
-    assert not torch.equal(before[1], learner.goals.begin(1)), "only the second learner saw goal 1"
+    assert update(first, batch) == second.update(batch, stale)
 
 
 @pytest.mark.parametrize("name", METHODS)

@@ -65,7 +65,7 @@ def test_an_update_changes_every_part_of_the_network(goals: str, action_space: s
     acted = torch.zeros(3, 16)
     before = {name: value.detach().clone() for name, value in learner.agent.named_parameters()}
     for _ in range(2):  # the small last layers let little of the first gradient through
-        metrics = learner.update([(batch, acted)])
+        metrics = learner.update(batch, acted)
     same = [name for name, value in learner.agent.named_parameters() if torch.equal(value, before[name])]
     assert not same
     assert metrics["relabelled"] == pytest.approx(2 / 3), "failures and timeouts"
@@ -114,7 +114,7 @@ def test_the_critic_is_asked_what_a_limit_cut_off() -> None:
     assert not cut.terminated[0]
     with torch.no_grad():
         learner.agent.value[-1].bias.fill_(40.0)  # far above anything that is paid
-    found = learner.update([(cut, torch.zeros(1, 16))])["value"]
+    found = learner.update(cut, torch.zeros(1, 16))["value"]
     # Two steps that pay 0.05 scaled, then V = 40: returns 0.05 + 0.5 * 40 and 0.05 + 0.5 * that.
     last = 0.05 + 0.5 * 40
     expected = ((40 - last) ** 2 + (40 - (0.05 + 0.5 * last)) ** 2) / 2

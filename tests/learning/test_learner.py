@@ -34,7 +34,7 @@ def test_an_update_changes_every_part_of_the_network() -> None:
     fill_store(learner.goals)
     before = {name: parameter.detach().clone() for name, parameter in learner.agent.named_parameters()}
     batch = make_batch([Outcome.SUCCESS, Outcome.FAILURE, Outcome.TIMEOUT])
-    metrics = learner.update([(batch, goals_for(batch))])
+    metrics = learner.update(batch, goals_for(batch))
     same = [
         name for name, parameter in learner.agent.named_parameters() if torch.equal(parameter, before[name])
     ]
@@ -55,11 +55,11 @@ def test_an_update_changes_every_part_of_the_network() -> None:
 def test_only_failures_are_relabelled() -> None:
     learner = small_learner("method.relabel_probability=1.0")
     batch = make_batch([Outcome.SUCCESS, Outcome.FAILURE, Outcome.TIMEOUT, Outcome.FAILURE])
-    metrics = learner.update([(batch, goals_for(batch))])
+    metrics = learner.update(batch, goals_for(batch))
     assert metrics["relabelled"] == 0.5
     assert metrics["imitation_policy"] > 0
     none = make_batch([Outcome.SUCCESS, Outcome.TIMEOUT])
-    metrics = learner.update([(none, goals_for(none))])
+    metrics = learner.update(none, goals_for(none))
     assert (metrics["relabelled"], metrics["imitation_policy"], metrics["imitation_value"]) == (0.0, 0.0, 0.0)
 
 
@@ -75,7 +75,7 @@ def test_the_hindsight_goal_is_the_detached_feature_of_the_final_observation() -
     own = goals_for(batch)
     learner.agent.train()
     expected = learner.agent.extractor(torch.from_numpy(batch.observations))[int(batch.lengths[0])]
-    learner.update([(batch, own)])
+    learner.update(batch, own)
     handle.remove()
     (features, goals, interactions) = seen[0]
     assert goals.shape == (2, DIM)
@@ -107,13 +107,13 @@ def test_prototypes_are_noise_until_the_store_is_warm_and_then_the_mean_of_featu
     batch = make_batch([Outcome.FAILURE])
     first, second = learner.goals.begin(0), learner.goals.begin(0)
     assert not torch.equal(first, second), "an empty class draws a fresh vector for each episode"
-    learner.update([(batch, goals_for(batch))])
+    learner.update(batch, goals_for(batch))
     assert not learner.goals.prototypes.seen.any()
     twin = small_learner()
     for one in (learner, twin):
         fill_store(one.goals)
     agent = copy.deepcopy(learner.agent).train()
-    learner.update([(batch, goals_for(batch))])
+    learner.update(batch, goals_for(batch))
     assert learner.goals.prototypes.seen.all()
     images, labels = twin.goals.store.sample(12, balanced=True)
     seen = torch.from_numpy(np.concatenate([batch.observations, images]))
@@ -130,7 +130,7 @@ def test_a_step_of_a_relabelled_episode_weighs_as_much_as_any_other() -> None:
     among = make_batch([Outcome.FAILURE, Outcome.TIMEOUT])
     share = alone.lengths.sum() / among.lengths.sum()
     # A policy that starts uniform costs log(5) a relabelled step; the other episode only dilutes it.
-    with_company = learner.update([(among, goals_for(among))])["imitation_policy"]
+    with_company = learner.update(among, goals_for(among))["imitation_policy"]
     assert with_company == pytest.approx(np.log(5) * share, rel=0.05)
 
 
@@ -143,7 +143,7 @@ def test_a_loss_that_is_not_finite_is_refused_and_changes_no_weight() -> None:
         frozen_weights(learner),
         pytest.raises(DivergenceError, match="update 1: expected a finite loss, found"),
     ):
-        learner.update([(batch, goals)])
+        learner.update(batch, goals)
 
 
 def test_state_round_trip_gives_the_same_next_update() -> None:
@@ -151,10 +151,10 @@ def test_state_round_trip_gives_the_same_next_update() -> None:
     for learner in (first, second):
         fill_store(learner.goals)
     batch = make_batch([Outcome.FAILURE, Outcome.SUCCESS])
-    first.update([(batch, goals_for(batch))])
+    first.update(batch, goals_for(batch))
     second.load_state_dict(first.state_dict())
     second.goals.store.sample(12, balanced=True)  # the one batch that the first store has drawn
-    assert first.update([(batch, goals_for(batch))]) == second.update([(batch, goals_for(batch))])
+    assert first.update(batch, goals_for(batch)) == second.update(batch, goals_for(batch))
     torch.testing.assert_close(first.goals.begin(0), second.goals.begin(0))
 
 

@@ -142,14 +142,14 @@ def test_the_term_teaches_its_head_and_the_extractor_alone() -> None:
     learner = localising("train.value_weight=0", "train.entropy_weight=0", "method.relabel_probability=0")
     before = {name: weight.detach().clone() for name, weight in learner.agent.named_parameters()}
     batch = episodes(([0, 1, 0], Outcome.SUCCESS, 0))
-    found = learner.update([(batch, goals_for(batch, 16))])
+    found = learner.update(batch, goals_for(batch, 16))
     assert found["localise"] == pytest.approx(math.log(2), rel=0.1), "a head that starts undecided"
     changed = {
         name for name, weight in learner.agent.named_parameters() if not torch.equal(weight, before[name])
     }
     assert {"sight.0.weight", "sight.2.weight", "extractor.project.weight"} <= changed
     nothing = episodes(([0, 1, 0], Outcome.TIMEOUT, 0))
-    assert learner.update([(nothing, goals_for(nothing, 16))])["localise"] == 0.0
+    assert learner.update(nothing, goals_for(nothing, 16))["localise"] == 0.0
 
 
 def test_the_head_is_learned_to_the_end() -> None:
@@ -157,7 +157,7 @@ def test_the_head_is_learned_to_the_end() -> None:
     learner = localising("train.learning_rate=1e-2", "train.learning_rate_end=null")
     batch = episodes(([1, 1, 0, 0], Outcome.SUCCESS, 0), ([0, 2, 0], Outcome.SUCCESS, 1))
     goals = goals_for(batch, 16)
-    losses = [learner.update([(batch, goals)])["localise"] for _ in range(40)]
+    losses = [learner.update(batch, goals)["localise"] for _ in range(40)]
     assert losses[-1] < 0.1 < 0.6 < losses[0]
 
 
@@ -178,7 +178,7 @@ def test_a_task_without_moves_does_without() -> None:
         learner = make_learner(config, TOY_SPEC)
         assert learner.agent.sight is None
         batch = episodes(([0, 1, 0], Outcome.SUCCESS, 0))
-        assert "localise" not in learner.update([(batch, goals_for(batch, 16))])
+        assert "localise" not in learner.update(batch, goals_for(batch, 16))
     message = (
         "method.localisation_weight: expected 0 or null, as task toy has not all of `moves` (what its "
         "actions do to the pose), goals that are classes, and pictures, found 1.0"

@@ -54,9 +54,9 @@ def test_a_sixth_method_is_one_row_and_one_function(monkeypatch: pytest.MonkeyPa
     learner = toy_learner("pg", "method.name=calm-pg")
     batch = make_batch([Outcome.SUCCESS, Outcome.FAILURE])
     goals = goals_for(batch, 16)
-    found = learner.update([(batch, goals)])
+    found = learner.update(batch, goals)
     assert set(found) == {"policy", "value", "entropy", "calm", "grad_norm"}
-    plain = toy_learner("pg").update([(batch, goals)])
+    plain = toy_learner("pg").update(batch, goals)
     assert {name: found[name] for name in ("policy", "value")} == {
         name: plain[name] for name in ("policy", "value")
     }

@@ -142,7 +142,7 @@ def play_toy(config: Config, episodes: int, task: Task = TOY) -> float:
             ended, waiting = waiting[:group], waiting[group:]
             ids = np.array([episode.id for episode in ended])
             goals = torch.stack([episode.goal_embedding for episode in ended])
-            learner.update([(buffer.gather(ids), goals)])
+            learner.update(buffer.gather(ids), goals)
             learner.goals.collect(buffer, ids)
             outcomes += [episode.outcome for episode in ended]
     return float(np.mean([outcome == Outcome.SUCCESS for outcome in outcomes[-episodes // 4 :]]))

@@ -9,7 +9,7 @@ from debug import DEBUG, debug_config
 from vhs.cli import main
 from vhs.errors import OutputError
 from vhs.train.bench import measure_training
-from vhs.train.loop import Session
+from vhs.train.session import Session
 
 QUICK = ["--config", str(DEBUG), "--set", "env.num_workers=0", "--seconds", "1"]
 ONE = ["--set", "train.episodes_per_update=1"]

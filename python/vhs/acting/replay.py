@@ -9,7 +9,8 @@ one update). At that moment every episode that has begun is one of
 - running: so many actions answered, the next one chosen and under way in its environment;
 - beginning: its seed given to its environment, the first frame under way.
 
-Where a task says that its episodes cannot be repeated, the last three are dropped instead.
+Where a task says that its episodes cannot be repeated, and where another number of ranks goes on, the last
+three are dropped instead.
 
 No frames are saved. An environment repeats an episode bit for bit from its seed and its actions, so waiting
 and running episodes are played again, which fills the episode buffer and brings the environments to where
@@ -86,19 +87,9 @@ def resume_episodes(
     return waiting
 
 
-def drop_episodes(state: Mapping[str, Any], episodes: Episodes) -> int:
-    """Begin new episodes instead, where environments cannot repeat any.
-
-    Args:
-        state: what `episodes_state` gave.
-        episodes: not started.
-
-    Returns:
-        How many are dropped.
-    """
+def count_episodes(state: Mapping[str, Any]) -> int:
+    """How many waiting, running and beginning episodes a state has that `episodes_state` gave."""
     saved = state["rollout"]
-    episodes.cut = int(saved["cut"])
-    episodes.start()
     return len(state["waiting"]) + len(saved["running"]) + len(saved["beginning"])
 
 

@@ -13,7 +13,7 @@ import yaml
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from vhs.config.schema import BEFORE, Config, idle_keys, unread_keys
+from vhs.config.schema import BEFORE, GONE, Config, idle_keys, unread_keys
 from vhs.config.task import TAGS, TaskSection, placed
 from vhs.config.yaml12 import dump_yaml, parse_yaml
 from vhs.distribution import find_config
@@ -183,7 +183,7 @@ def _heard(overlay: Mapping[str, Any], whole: Mapping[str, Any]) -> Mapping[str,
     """What an overlay has to say in the `whole` configuration that it is a part of."""
     section = overlay.get("method")
     if overlay.keys() >= Config.model_fields.keys():
-        return _without(_merged([unflatten(BEFORE), overlay]), idle_keys(overlay))
+        return _without(_merged([unflatten(BEFORE), overlay]), idle_keys(overlay) | GONE)
     names_method = isinstance(section, Mapping) and "name" in section
     return overlay if names_method else _without(overlay, idle_keys(whole))
 

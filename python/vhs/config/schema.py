@@ -117,7 +117,7 @@ class MethodSection(_Section):
     supcon_weight: Annotated[NonNegativeFloat, _SUPCON] = 0.5
     """Weight of the SupCon loss (paper: 0.5)."""
     supcon_batch: Annotated[Annotated[int, Field(ge=2)] | None, _GOAL_IMAGES] = None
-    """Goal images in a SupCon batch of a learner; null is 16, or two a goal class where that is more (paper:
+    """Goal images in a SupCon batch of a process; null is 16, or two a goal class where that is more (paper:
     64; a quarter of it serves as well)."""
     supcon_temperature: Annotated[PositiveFloat, _SUPCON] = 0.07
     """Temperature tau_s (paper: 0.07)."""
@@ -191,10 +191,8 @@ class TrainSection(_Section):
     episodes: PositiveInt = 30_000
     """Episodes until the run is finished; a longer run gains most with `schedule_episodes` as long."""
     episodes_per_update: PositiveInt = 4
-    """Episodes behind an optimiser step (paper: 1; a trial with 16 needed 2.7 times the episodes of 4)."""
-    learners: PositiveInt = 1
-    """Threads that share the episodes of an update, each with a SupCon batch and batch statistics of its own;
-    their gradients are averaged. Two use two cores (paper: 5 asynchronous processes)."""
+    """Episodes behind an optimiser step, an equal share of them from each process (paper: 1; a trial with 16
+    needed 2.7 times the episodes of 4)."""
     learning_rate: PositiveFloat = 5e-4
     """Adam with AMSGrad, at the start (paper: 1e-4 for one episode an update; at 1e-3 trained policies
     collapse); the method's own unless given."""
@@ -238,6 +236,9 @@ class TrainSection(_Section):
     null makes none."""
     keep_checkpoints: PositiveInt = 2
     """Newest checkpoints that are kept, each a few MB beside the goal store."""
+    peer_timeout_s: PositiveFloat = 300.0
+    """Seconds that a process waits for the others of its training before it takes them for gone; more than an
+    environment may take (`env.deadline_s`). One that died is noticed at once."""
 
     @model_validator(mode="before")
     @classmethod
@@ -308,15 +309,6 @@ class Config(_Section):
         return self
 
     @model_validator(mode="after")
-    def _learners_share_episodes(self) -> Config:
-        if self.train.episodes_per_update % self.train.learners:
-            raise ValueError(
-                f"train.episodes_per_update: expected a multiple of train.learners = {self.train.learners}, "
-                f"found {self.train.episodes_per_update}"
-            )
-        return self
-
-    @model_validator(mode="after")
     def _warmup_fits_store(self) -> Config:
         if _GOAL_IMAGES.is_read(self.method.parts) and self.method.warmup > self.method.goal_capacity:
             raise ValueError(
@@ -338,6 +330,9 @@ def unread_keys(parts: frozenset[str]) -> Iterator[tuple[str, Of]]:
                 if isinstance(of, Of) and not of.is_read(parts):
                     yield f"{section}.{leaf}", of
 
+
+GONE = frozenset({"train.learners"})
+"""Keys that a whole configuration of an earlier version may still have, and that nothing reads any more."""
 
 BEFORE: dict[str, Any] = {"method.localisation_weight": 0.0}
 """What a key had been before it existed: a whole configuration that lacks it was saved then."""

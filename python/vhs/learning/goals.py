@@ -141,6 +141,18 @@ class Goals(Protocol):
         """Take the features, float32 [n, feature_dim], that an update gave to a batch of images."""
         ...
 
+    def summed(self, images: GoalImages | None, features: Tensor) -> Tensor:
+        """What `learned` makes of a batch, to be summed over ranks: float32 [classes, feature_dim + 1].
+
+        Returns:
+            The sum of each class's features and, last, how many there are; of no class where nothing follows.
+        """
+        ...
+
+    def learned_together(self, sums: Tensor) -> None:
+        """As `learned`, from the sum over all ranks of what `summed` gave."""
+        ...
+
     def state_dict(self) -> dict[str, Tensor]:
         """All that changes but the store."""
         ...
@@ -225,6 +237,22 @@ class ClassGoals(Goals):
         """Move running prototypes towards the features of an update."""
         if self._method.prototype == "running":
             self.prototypes.update(to_numpy(features), to_numpy(images.labels))
+
+    def summed(self, images: GoalImages | None, features: Tensor) -> Tensor:
+        """Of no class where prototypes are not running ones."""
+        count = self.prototypes.num_classes if self._method.prototype == "running" else 0
+        sums = features.new_zeros(count, self.prototypes.dim + 1)
+        if images is not None and count:
+            sums[:, :-1].index_add_(0, images.labels, features)
+            sums[:, -1] = torch.bincount(images.labels, minlength=count)
+        return sums
+
+    def learned_together(self, sums: Tensor) -> None:
+        """Move running prototypes towards the mean features over all ranks."""
+        found = to_numpy(sums)
+        (there,) = np.nonzero(found[:, -1])
+        if len(there):
+            self.prototypes.update(found[there, :-1] / found[there, -1:], there)
 
     def state_dict(self) -> dict[str, Tensor]:
         """The prototypes, as tensors, which `torch.load` reads without unpickling code."""

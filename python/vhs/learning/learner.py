@@ -1,6 +1,6 @@
 """One update of any method: gather once, run forward once, sum the method's terms, step (paper Eq. 6).
 
-Each share of an update embeds every image that it needs - episodes and goal images - in one pass of the
+A rank's share of an update embeds every image that it needs - episodes and goal images - in one pass of the
 extractor, so that the batch norm normalises f(o_T) and the features behind the prototypes alike, and runs the
 LSTM once over the episodes as they happened and, under the goal that they reached, over those that are
 relabelled. One optimiser step follows from the mean of the shares' gradients.
@@ -8,6 +8,7 @@ relabelled. One optimiser step follows from the mean of the shares' gradients.
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -22,14 +23,15 @@ from vhs.buffer import beside
 from vhs.config import MethodSection, TrainSection
 from vhs.errors import DivergenceError
 from vhs.learning.goals import GoalImages, Goals
-from vhs.learning.parallel import Replicas
+from vhs.learning.merging import Terms, average_gradients
 from vhs.learning.reckoning import Reckoning
 from vhs.learning.terms import TERMS, Episodes, Forward, Images, Over, Reached, Term
-from vhs.models import GoalAgent, to_device
+from vhs.models import GoalAgent, to_device, to_numpy
+from vhs.world import ALONE, World
 
 
 class Share(NamedTuple):
-    """What one learner of an update learns from."""
+    """What this rank learns from in an update."""
 
     batch: EpisodeBatch
     goals: Tensor
@@ -39,7 +41,7 @@ class Share(NamedTuple):
 
 
 class Learned(NamedTuple):
-    """What one learner found: unweighted terms, features of its goal images, float32 [n, feature_dim]."""
+    """What it found: unweighted terms, features of its goal images, float32 [n, feature_dim]."""
 
     terms: dict[str, Tensor]
     image_features: Tensor
@@ -77,6 +79,7 @@ class Learner:
         dtype: torch.dtype,
         rng: Rng,
         reckoning: Reckoning | None = None,
+        world: World = ALONE,
     ) -> None:
         """Join the parts.
 
@@ -89,6 +92,7 @@ class Learner:
             dtype: type in which the convolutions multiply.
             rng: the source of the relabelling decisions.
             reckoning: says where what was reached had been; without it the terms on that are left out.
+            world: the ranks that take each step together.
         """
         self.agent = agent
         self.goals = goals
@@ -98,7 +102,7 @@ class Learner:
         self.rng = rng
         self.updates = 0
         self.dtype = dtype
-        self._replicas = Replicas(agent, train.learners, train.threads)
+        self._world = world
         self._method = method
         self._train = train
         self._success_reward = success_reward
@@ -122,42 +126,48 @@ class Learner:
         return "images" not in self._over or self.goals.is_warm
 
     def update(
-        self, shares: Sequence[tuple[EpisodeBatch, Tensor]], touched: NDArray[np.int64] | None = None
+        self,
+        batch: EpisodeBatch,
+        goals: Tensor,
+        touched: NDArray[np.int64] | None = None,
+        *,
+        along: Sequence[Tensor] = (),
     ) -> dict[str, float]:
-        """Learn from finished episodes.
+        """Learn from finished episodes: this rank's share of them.
 
         Args:
-            shares: one for each of `train.learners`: episodes, and the goal embedding each was acted under,
-                of shape [B, feature_dim]; goal words are looked up anew, so that they learn.
-            touched: steps until each episode of all shares last reached something, int64 [sum of B]; None:
-                only their ends reach anything.
+            batch: the episodes, as many on every rank.
+            goals: the goal embedding each was acted under, of shape [B, feature_dim]; goal words are looked
+                up anew, so that they learn.
+            touched: steps until each episode last reached something, int64 [B]; None: only their ends reach
+                anything.
+            along: what is to be summed over the ranks in the same message.
 
         Returns:
-            The mean over the learners of each term, unweighted, the gradient's norm before clipping and the
+            The mean over the ranks of each term, unweighted, the gradient's norm before clipping and the
             share of relabelled episodes where a method relabels.
 
         Raises:
             DivergenceError: a loss is not finite; the weights are as before.
+            PeerError: another rank is gone.
         """
-        ends = np.split(touched, len(shares)) if touched is not None else [None] * len(shares)
-        work = [
-            Share(batch, goals, self._relabel(batch, own), self._images())
-            for (batch, goals), own in zip(shares, ends, strict=True)
-        ]
-        learned = self._replicas.map(self._learn, work)
-        names = learned[0].terms
-        metrics = {name: sum(one.terms[name].item() for one in learned) / len(learned) for name in names}
+        share = Share(batch, goals, self._relabel(batch, touched), self._images())
+        learned = self._learn(share)
+        if "relabelled" in self._over:
+            learned.terms["relabelled"] = torch.tensor(share.hindsight.selected.mean(dtype=np.float32))
+        terms = Terms([*self._terms, "relabelled"], learned.terms, self._device)
+        sums = self.goals.summed(share.images, learned.image_features) if self._world.size > 1 else None
+        if sums is not None:
+            average_gradients(self._world, self.agent, [terms.sums, sums, *along])
+        metrics = terms.means()
         self._check_finite(metrics)
-        self._replicas.merge()
         metrics["grad_norm"] = self._step()
-        for share, found in zip(work, learned, strict=True):
-            if share.images is not None:
-                self.goals.learned(share.images, found.image_features)
+        if sums is not None:
+            self.goals.learned_together(sums)
+        elif share.images is not None:
+            self.goals.learned(share.images, learned.image_features)
         self.updates += 1
-        if "relabelled" not in self._over:
-            return metrics
-        relabelled = np.concatenate([share.hindsight.selected for share in work])
-        return metrics | {"relabelled": float(relabelled.mean())}
+        return metrics
 
     def scheduled(self, key: str) -> float:
         """The present value of a number of the configuration, which may move to ``<key>_end`` over training.
@@ -185,8 +195,9 @@ class Learner:
     def _images(self) -> GoalImages | None:
         return self.goals.batch() if "images" in self._over else None
 
-    def _learn(self, agent: GoalAgent, share: Share) -> Learned:
-        """Terms of one share and, in `agent`, the gradients of their sum."""
+    def _learn(self, share: Share) -> Learned:
+        """Terms of one share and, in the agent, the gradients of their sum."""
+        agent = self.agent
         agent.train()
         agent.zero_grad(set_to_none=True)
         features, image_features, shown = self._embed(agent, share)
@@ -344,8 +355,34 @@ class Learner:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Return to a state that `state_dict` gave."""
         self.agent.load_state_dict(state["agent"])
-        self._replicas.spread_statistics()
         self.optimiser.load_state_dict(state["optimiser"])
         self.goals.load_state_dict(state["prototypes"])
         self.rng = Rng.from_state(state["rng"].numpy())
         self.updates = int(state["updates"])
+
+    def own_state(self) -> dict[str, Any]:
+        """What a rank draws with, and prototypes, which are its own where it draws their images."""
+        return {
+            "rng": torch.from_numpy(self.rng.state),
+            "images": torch.from_numpy(self.goals.store.rng_state),
+            "prototypes": self.goals.state_dict(),
+        }
+
+    def load_own_state(self, state: Mapping[str, Any]) -> None:
+        """Return to a state that `own_state` gave."""
+        self.rng = Rng.from_state(state["rng"].numpy())
+        self.goals.store.rng_state = state["images"].numpy()
+        self.goals.load_state_dict(state["prototypes"])
+
+    def draw_from(self, seed: int) -> None:
+        """Draw with generators that begin at a seed."""
+        state = torch.from_numpy(Rng(seed).state)
+        prototypes = self.goals.state_dict() | {"rng": state}
+        self.load_own_state({"rng": state, "images": state, "prototypes": prototypes})
+
+    def digest(self) -> str:
+        """SHA-256 of all that is alike on every rank: weights, batch statistics, images by class."""
+        digest = hashlib.sha256(self.goals.counts.tobytes())
+        for tensor in self.agent.state_dict().values():
+            digest.update(to_numpy(tensor).tobytes())
+        return digest.hexdigest()

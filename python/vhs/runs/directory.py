@@ -48,6 +48,7 @@ MAY_CHANGE = frozenset(
         "train.log_every",
         "train.loggers",
         "train.media_every",
+        "train.peer_timeout_s",
     }
 )
 """Keys that a resumed run may set anew: none of them changes what is learned from an episode, but for

@@ -36,9 +36,9 @@ class Window:
         self.episodes = [EpisodeResult(Outcome(outcome), *rest) for outcome, *rest in state["episodes"]]
         self._sums, self._counts = dict(state["sums"]), dict(state["counts"])
 
-    def add_episodes(self, episodes: Iterable[EndedEpisode]) -> None:
+    def add_episodes(self, episodes: Iterable[EpisodeResult]) -> None:
         """Take episodes that have been learned from."""
-        self.episodes += [EpisodeResult(e.outcome, e.steps, e.episode_return) for e in episodes]
+        self.episodes += episodes
 
     def add_update(self, metrics: Mapping[str, float]) -> None:
         """Take the losses of one update; a term is averaged over the updates that had it."""

@@ -28,8 +28,8 @@ from vhs.acting.setup import (
 from vhs.config import Config
 from vhs.errors import OutputError
 from vhs.train.log import TrainingLog
-from vhs.train.loop import Session
 from vhs.train.memory import keep_freed_memory
+from vhs.train.session import Session
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ def bench(config: Config, seconds: float = 10.0) -> Speed:
     """Measure the environments and the training of a configuration; nothing is left on the disk.
 
     Args:
-        config: the resolved configuration, whose workers, learners, threads and device are what is measured.
+        config: the resolved configuration, whose workers, threads and device are what is measured.
         seconds: of each of the two measurements; each warms up for half as long before, and training until
             the first goal image is stored, but no more than six times as long.
 

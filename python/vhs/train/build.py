@@ -10,10 +10,13 @@ from vhs.learning.reckoning import make_reckoning
 from vhs.learning.told import make_goals
 from vhs.models import ExtractorFactory, make_agent
 from vhs.task import TaskSpec
+from vhs.world import ALONE, World
 
 
-def make_learner(config: Config, spec: TaskSpec, extractor: ExtractorFactory | None = None) -> Learner:
-    """The learner at its beginning, before any episode; `extractor` as for `make_agent`."""
+def make_learner(
+    config: Config, spec: TaskSpec, extractor: ExtractorFactory | None = None, world: World = ALONE
+) -> Learner:
+    """The learner of every rank at its beginning, before any episode; `extractor` as for `make_agent`."""
     config = settled(config, spec)
     agent, dtype = make_agent(config, spec, extractor), convolution_dtype(config)
     return Learner(
@@ -25,4 +28,5 @@ def make_learner(config: Config, spec: TaskSpec, extractor: ExtractorFactory | N
         dtype=dtype,
         rng=Rng(config.seed),
         reckoning=make_reckoning(config.method, spec),
+        world=world,
     )

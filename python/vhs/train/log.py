@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TextIO
+from typing import Any, Protocol, TextIO
 
 from vhs.config import Config
 from vhs.console import Output
@@ -17,7 +17,45 @@ from vhs.runs.rows import LOG_NAME
 from vhs.train.display import TrainingDisplay
 
 
-class TrainingLog:
+class Log(Protocol):
+    """What a session tells of its training."""
+
+    def advance(self, episodes: int) -> None:
+        """Say how far the training is."""
+
+    def write(self, row: Mapping[str, Any]) -> None:
+        """Add a row."""
+
+    def show(self, name: str, path: Path, episodes: int) -> None:
+        """Hand a picture or a film on."""
+
+    def sync(self) -> None:
+        """Put the rows on the disk."""
+
+    def say(self, text: str) -> None:
+        """Tell something that is no row."""
+
+
+class QuietLog(Log):
+    """That of a rank for which another one speaks."""
+
+    def advance(self, episodes: int) -> None:
+        """Nothing."""
+
+    def write(self, row: Mapping[str, Any]) -> None:
+        """Nothing."""
+
+    def show(self, name: str, path: Path, episodes: int) -> None:
+        """Nothing."""
+
+    def sync(self) -> None:
+        """Nothing."""
+
+    def say(self, text: str) -> None:
+        """Nothing."""
+
+
+class TrainingLog(Log):
     """The log of a run, its further loggers and the terminal as one.
 
     A further logger that fails is told of once and left out: the run goes on.

@@ -12,7 +12,8 @@ use vhs_core::goals::{self as core, Balance};
 use vhs_core::item::Item;
 
 use crate::arrays::{
-    checked, exact, integer, integer_vec, into_array, rows, seed, shape, size, slice,
+    checked, exact, integer, integer_vec, into_array, rng_from_state, rows, seed, shape, size,
+    slice,
 };
 use crate::bytes::filled_bytes;
 use crate::episode_buffer::{EpisodeBuffer, stacking};
@@ -205,6 +206,20 @@ impl GoalStore {
         });
         let shape = [counts.len()];
         into_array(py, counts, &shape)
+    }
+
+    #[doc = stub!("GoalStore.rng_state")]
+    #[getter]
+    fn rng_state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArrayDyn<u64>>> {
+        let state = self.inner.detached(py, |store| store.rng_mut().state());
+        into_array(py, state.to_vec(), &[4])
+    }
+
+    #[setter]
+    fn set_rng_state(&self, py: Python<'_>, state: &Bound<'_, PyAny>) -> PyResult<()> {
+        let rng = rng_from_state("rng_state", state)?;
+        self.inner.detached(py, |store| *store.rng_mut() = rng);
+        Ok(())
     }
 
     #[doc = stub!("GoalStore.num_classes")]

@@ -1,0 +1,217 @@
+"""Ranks of torch.distributed, as `torchrun` starts them: gloo between CPUs, NCCL between GPUs.
+
+What the launcher says is in the environment: RANK, WORLD_SIZE, LOCAL_RANK, MASTER_ADDR and MASTER_PORT. Texts
+and states pass as bytes that nobody unpickles.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import signal
+import socket
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from datetime import timedelta
+from typing import Any
+
+import torch
+import torch.distributed as dist
+from torch import Tensor
+
+from vhs.errors import ConfigError, DivergenceError, PeerError, ToldError, VhsError
+from vhs.world.world import ALONE, World
+
+JOIN_S = 300.0
+"""How long ranks wait for each other to join."""
+_HEAD = 8
+"""Bytes that say how long a message is."""
+
+
+def is_rank() -> bool:
+    """Whether a launcher has made this process one of several ranks."""
+    return "RANK" in os.environ and int(os.environ.get("WORLD_SIZE", "1")) > 1
+
+
+@contextmanager
+def joined() -> Iterator[World]:
+    """The world that the launcher of this process has made it a rank of; alone where there is none.
+
+    Raises:
+        PeerError: the others did not come, or one of them is gone.
+    """
+    if not is_rank():
+        yield ALONE
+        return
+    rank = int(os.environ["RANK"])
+    _end_with_launcher()
+    _join(rank)
+    try:
+        yield Ranks()
+    except VhsError as error:
+        if rank == 0 or isinstance(error, ToldError):
+            raise
+        if isinstance(error, PeerError | DivergenceError):  # the same everywhere
+            raise ToldError(str(error)) from error
+        raise PeerError(f"rank {rank} ({socket.gethostname()}): {error}") from error
+    finally:
+        dist.destroy_process_group()
+
+
+class Ranks(World):
+    """The ranks of the default process group."""
+
+    def __init__(self) -> None:
+        """Join them; they have been initialised."""
+        self.rank, self.size = dist.get_rank(), dist.get_world_size()
+        self._group: Any = None
+        self._patience_s = JOIN_S
+        self._share_cores()
+
+    def set_patience(self, seconds: float) -> None:
+        """How long a rank is waited for in any later meeting."""
+        with self._meeting():
+            self._group = dist.new_group(timeout=timedelta(seconds=seconds))
+        self._patience_s = seconds
+
+    def device(self, name: str) -> str:
+        """The GPU of the local rank, where a GPU is meant and none is named."""
+        if name not in ("auto", "cuda") or not torch.cuda.is_available():
+            return name
+        local, there = int(os.environ.get("LOCAL_RANK", self.rank)), torch.cuda.device_count()
+        if local >= there:
+            here = os.environ.get("LOCAL_WORLD_SIZE", local + 1)
+            raise ConfigError(
+                f"train.device: expected a GPU for each of the {here} processes of this host, found {there}; "
+                "start fewer, or --set train.device=cpu"
+            )
+        torch.cuda.set_device(local)
+        return f"cuda:{local}"
+
+    def average(self, tensors: Sequence[Tensor], along: Sequence[Tensor] = ()) -> None:
+        """One flat sum; the first tensors are then divided by the number of ranks."""
+        device, every = tensors[0].device, [*tensors, *along]
+        flat = torch.cat([one.detach().to(device, torch.float32).reshape(-1) for one in every])
+        with self._meeting():
+            dist.all_reduce(flat, group=self._group)
+        flat[: sum(one.numel() for one in tensors)].div_(self.size)
+        with torch.no_grad():
+            for one, part in zip(every, torch.split(flat, [one.numel() for one in every]), strict=True):
+                one.copy_(part.view(one.shape))
+
+    def share(self, data: bytes, most: int | None = None) -> list[bytes]:
+        """Every rank's bytes, padded to those of the longest."""
+        mine = self._padded(data, most)
+        found = [torch.empty_like(mine) for _ in range(self.size)]
+        with self._meeting():
+            dist.all_gather(found, mine, group=self._group)
+        return [_unpadded(one) for one in found]
+
+    def gather(self, data: bytes) -> list[bytes]:
+        """Every rank's bytes at rank 0, padded to those of the longest."""
+        mine = self._padded(data)
+        found = [torch.empty_like(mine) for _ in range(self.size)] if not self.rank else []
+        with self._meeting():
+            dist.gather(mine, found or None, dst=0, group=self._group)
+        return [_unpadded(one) for one in found]
+
+    @contextmanager
+    def together(self) -> Iterator[None]:
+        """Exchange who failed once all are through."""
+        failure: VhsError | None = None
+        try:
+            yield
+        except VhsError as error:
+            failure = error
+        told = json.dumps([socket.gethostname(), None if failure is None else str(failure)])
+        found = [json.loads(one) for one in self.share(told.encode())]
+        if all(said is None for _, said in found):
+            return
+        if self.rank:
+            raise ToldError("another rank failed") from failure
+        if failure is not None:
+            raise failure
+        raise PeerError(next(f"rank {r} ({host}): {said}" for r, (host, said) in enumerate(found) if said))
+
+    def expect_equal(self, facts: Mapping[str, Any]) -> None:
+        """Exchange the facts as JSON."""
+        said = json.dumps([socket.gethostname(), dict(facts)], default=str)
+        (_, expected), *others = (json.loads(one) for one in self.share(said.encode()))
+        for rank, (host, found) in enumerate(others, 1):
+            keys = sorted(
+                key for key in expected.keys() | found.keys() if expected.get(key) != found.get(key)
+            )
+            if keys:
+                differ = "; ".join(
+                    f"{key}: expected {expected.get(key)} as rank 0 has it, found {found.get(key)}"
+                    for key in keys
+                )
+                raise PeerError(f"rank {rank} ({host}): {differ}")
+
+    def _padded(self, data: bytes, most: int | None = None) -> Tensor:
+        """A message as long as the longest of all ranks."""
+        if most is None:
+            longest = torch.tensor([len(data)])
+            with self._meeting():
+                dist.all_reduce(longest, dist.ReduceOp.MAX, group=self._group)
+            most = int(longest.item())
+        whole = (len(data).to_bytes(_HEAD, "little") + data).ljust(_HEAD + most, b"\0")
+        return torch.frombuffer(bytearray(whole), dtype=torch.uint8)
+
+    @contextmanager
+    def _meeting(self) -> Iterator[None]:
+        """Say of a meeting that failed what it means."""
+        try:
+            yield
+        except RuntimeError as error:
+            raise PeerError(
+                f"another process of this training is gone, or has not answered for {self._patience_s:g} s; "
+                f"start all of them again, they go on from the newest checkpoint ({_first_line(error)})"
+            ) from error
+
+    def _share_cores(self) -> None:
+        """Keep to this rank's share of the cores that several ranks of a host were given alike."""
+        if not hasattr(os, "sched_getaffinity"):
+            return
+        cores = sorted(os.sched_getaffinity(0))
+        mine = json.dumps([socket.gethostname(), cores]).encode()
+        alike = [rank for rank, one in enumerate(self.share(mine)) if one == mine]
+        each = len(cores) // len(alike)
+        if each:
+            first = each * alike.index(self.rank)
+            os.sched_setaffinity(0, cores[first : first + each])
+
+
+def _join(rank: int) -> None:
+    """Meet the others.
+
+    Raises:
+        PeerError: they did not come in time.
+    """
+    backend = "cpu:gloo,cuda:nccl" if torch.cuda.is_available() and dist.is_nccl_available() else "gloo"
+    try:
+        dist.init_process_group(backend, timeout=timedelta(seconds=JOIN_S))
+    except (RuntimeError, ValueError) as error:
+        where = ":".join(os.environ.get(name, "?") for name in ("MASTER_ADDR", "MASTER_PORT"))
+        raise PeerError(
+            f"rank {rank}: expected {os.environ['WORLD_SIZE']} processes at {where} within {JOIN_S:g} s, "
+            f"found fewer ({_first_line(error)})"
+        ) from error
+
+
+def _end_with_launcher() -> None:
+    """Be asked to stop when the launcher is killed: nobody else would end this process."""
+    if "TORCHELASTIC_RUN_ID" in os.environ and sys.platform.startswith("linux"):
+        set_parent_death_signal = 1  # PR_SET_PDEATHSIG of <sys/prctl.h>
+        ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGTERM)
+
+
+def _unpadded(message: Tensor) -> bytes:
+    data = message.numpy().tobytes()
+    return data[_HEAD : _HEAD + int.from_bytes(data[:_HEAD], "little")]
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).partition("\n")[0]
