@@ -135,8 +135,8 @@ def test_what_a_sweep_sets_for_all_runs_reaches_the_methods_that_read_it(tmp_pat
     ("text", "names"),
     [
         (
-            "set: {env.num_workers: 3}\ngrids: [{grid: {env.num_envs: [3, 6]}}]",
-            ["task2-vhs-num_envs=3-seed0", "task2-vhs-num_envs=6-seed0"],
+            "set: {env.min_ready: 20}\ngrids: [{grid: {env.num_envs: [20, 24]}}]",
+            ["task2-vhs-num_envs=20-seed0", "task2-vhs-num_envs=24-seed0"],
         ),
         (
             "set: {method.embedding: word}\ngrids: [{grid: {method.name: [pg]}}]",
@@ -147,9 +147,9 @@ def test_what_a_sweep_sets_for_all_runs_reaches_the_methods_that_read_it(tmp_pat
             ["task2-vhs-goal_capacity=1000-seed0", "task2-vhs-goal_capacity=2000-seed0"],
         ),
         (
-            "set: {env.num_workers: 3, train.gamma: 0.9}\ngrids: [{grid: {env.num_envs: [3]}},"
-            " {grid: {env.num_envs: [3], train.gamma: [0.9]}}]",
-            ["task2-vhs-num_envs=3-seed0"],
+            "set: {env.min_ready: 20, train.gamma: 0.9}\ngrids: [{grid: {env.num_envs: [20]}},"
+            " {grid: {env.num_envs: [20], train.gamma: [0.9]}}]",
+            ["task2-vhs-num_envs=20-seed0"],
         ),
     ],
 )
