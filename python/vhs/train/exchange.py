@@ -149,7 +149,7 @@ def facts(config: Config, spec: TaskSpec, run: Path) -> dict[str, Any]:
         "precision of the convolutions": str(convolution_dtype(config)),
         "spaces and goals of the task": repr(spec),
         "file of the task": None if place is None else sha256(Path(place[0]).read_bytes()).hexdigest()[:12],
-        f"newest checkpoint in {run}": newest_checkpoint(run),
+        "newest checkpoint": newest_checkpoint(run),
     }
 
 

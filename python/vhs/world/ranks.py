@@ -9,9 +9,12 @@ from __future__ import annotations
 import ctypes
 import json
 import os
+import re
+import secrets
 import signal
 import socket
 import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import timedelta
@@ -20,6 +23,8 @@ from typing import Any
 import torch
 import torch.distributed as dist
 from torch import Tensor
+from torch.distributed.distributed_c10d import PrefixStore, Store
+from torch.distributed.rendezvous import rendezvous
 
 from vhs.errors import ConfigError, DivergenceError, PeerError, ToldError, VhsError
 from vhs.world.world import ALONE, World
@@ -168,7 +173,7 @@ class Ranks(World):
         except RuntimeError as error:
             raise PeerError(
                 f"another process of this training is gone, or has not answered for {self._patience_s:g} s; "
-                f"start all of them again, they go on from the newest checkpoint ({_first_line(error)})"
+                f"start all of them again, they go on from the newest checkpoint ({_reason(error)})"
             ) from error
 
     def _share_cores(self) -> None:
@@ -191,14 +196,47 @@ def _join(rank: int) -> None:
         PeerError: they did not come in time.
     """
     backend = "cpu:gloo,cuda:nccl" if torch.cuda.is_available() and dist.is_nccl_available() else "gloo"
+    limit, size = timedelta(seconds=JOIN_S), int(os.environ["WORLD_SIZE"])
     try:
-        dist.init_process_group(backend, timeout=timedelta(seconds=JOIN_S))
-    except (RuntimeError, ValueError) as error:
+        store, *_ = next(rendezvous("env://", timeout=limit))
+        store.set_timeout(limit)
+        ours = PrefixStore(_agree_on_name(store, rank, size), store)
+        dist.init_process_group(backend, store=ours, rank=rank, world_size=size, timeout=limit)
+    except (RuntimeError, TimeoutError, ValueError) as error:
         where = ":".join(os.environ.get(name, "?") for name in ("MASTER_ADDR", "MASTER_PORT"))
         raise PeerError(
-            f"rank {rank}: expected {os.environ['WORLD_SIZE']} processes at {where} within {JOIN_S:g} s, "
-            f"found fewer ({_first_line(error)})"
+            f"rank {rank}: expected {size} processes at {where} within {JOIN_S:g} s, found fewer "
+            f"({_reason(error)})"
         ) from error
+
+
+def _agree_on_name(store: Store, rank: int, size: int) -> str:
+    """A name of this start of the ranks, which rank 0 chooses and each of the others asks for.
+
+    The store of `torchrun` outlives its ranks: after a restart it still has the addresses of those before,
+    which torch would take for the new ones (https://github.com/pytorch/pytorch/issues/135712). An answer to
+    the question of a process that has ended is read by nobody.
+    """
+    name = secrets.token_hex(8)
+    if rank:
+        store.set(f"vhs/asks/{rank}", name)
+        answer: str = store.get(f"vhs/answer/{name}").decode()
+        store.set(f"vhs/heard/{answer}/{rank}", "")
+        return answer
+    answered: dict[int, bytes] = dict.fromkeys(range(1, size), b"")
+    end = time.monotonic() + JOIN_S
+    while answered:
+        for other in list(answered):
+            asks = f"vhs/asks/{other}"
+            if store.check([asks]) and (question := store.get(asks)) != answered[other]:
+                store.set(f"vhs/answer/{question.decode()}", name)
+                answered[other] = question
+            if store.check([f"vhs/heard/{name}/{other}"]):
+                del answered[other]
+        if time.monotonic() > end:
+            raise TimeoutError(f"nothing was heard of ranks {', '.join(map(str, answered))}")
+        time.sleep(0.02)
+    return name
 
 
 def _end_with_launcher() -> None:
@@ -213,5 +251,6 @@ def _unpadded(message: Tensor) -> bytes:
     return data[_HEAD : _HEAD + int.from_bytes(data[:_HEAD], "little")]
 
 
-def _first_line(error: BaseException) -> str:
-    return str(error).partition("\n")[0]
+def _reason(error: BaseException) -> str:
+    """The first sentence of what torch says, without the place in its source."""
+    return re.sub(r"\[\S*\.cc:\d+\] ", "", str(error)).splitlines()[0].partition(". ")[0]
