@@ -148,9 +148,9 @@ def test_a_launcher_that_is_killed_leaves_no_orphan(tmp_path: Path) -> None:
     wait_for(lambda: read_log(run), launcher)
     started = children(launcher.pid)
     launcher.kill()
-    launcher.communicate(timeout=PATIENCE_S)
+    said = launcher.communicate(timeout=PATIENCE_S)
     wait_for(lambda: not any(map(is_alive, started)))
-    assert newest(run) == read_log(run)[-1]["episodes"], "what they had learned is saved"
+    assert newest(run) == read_log(run)[-1]["episodes"], f"what they had learned is saved: {said}"
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,8 @@ def train(
         if session.is_finished:
             log.say(f"finished: {run} ({episodes} episodes)\nevaluate it:  vhs eval {run}")
         else:
-            name = session.stop.signal_name or "another process was stopped"
+            others = "the launcher is gone" if world.is_orphan else "another process was stopped"
+            name = session.stop.signal_name or others
             log.say(f"{name}: saved {run} at episode {episodes}; the same command resumes")
         return session.is_finished
 

@@ -174,7 +174,11 @@ class Session:
         batch, world = self._buffer.gather(ids), self._world
         is_late = time.monotonic() - self._save_clock >= self._config.train.checkpoint_every_s
         news = News(
-            world, episodes, cut=self._episodes.cut, stop=self.stop.is_set, save=is_late and not world.rank
+            world,
+            episodes,
+            cut=self._episodes.cut,
+            stop=self.stop.is_set or world.is_orphan,
+            save=is_late and not world.rank,
         )
         self._window.add_update(self._learner.update(batch, goals, [news.table]))
         collect(world, self._learner.goals, self._buffer, ids, batch, news.successes)

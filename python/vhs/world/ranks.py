@@ -6,14 +6,11 @@ and states pass as bytes that nobody unpickles.
 
 from __future__ import annotations
 
-import ctypes
 import json
 import os
 import re
 import secrets
-import signal
 import socket
-import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -51,7 +48,6 @@ def joined() -> Iterator[World]:
         yield ALONE
         return
     rank = int(os.environ["RANK"])
-    _end_with_launcher()
     _join(rank)
     try:
         yield Ranks()
@@ -73,7 +69,13 @@ class Ranks(World):
         self.rank, self.size = dist.get_rank(), dist.get_world_size()
         self._group: Any = None
         self._patience_s = JOIN_S
+        self._launcher = os.getppid() if "TORCHELASTIC_RUN_ID" in os.environ else None
         self._share_cores()
+
+    @property
+    def is_orphan(self) -> bool:
+        """Whether `torchrun` was killed, and so could not end this process."""
+        return self._launcher not in (None, os.getppid())
 
     def set_patience(self, seconds: float) -> None:
         """How long a rank is waited for in any later meeting."""
@@ -237,13 +239,6 @@ def _agree_on_name(store: Store, rank: int, size: int) -> str:
             raise TimeoutError(f"nothing was heard of ranks {', '.join(map(str, answered))}")
         time.sleep(0.02)
     return name
-
-
-def _end_with_launcher() -> None:
-    """Be asked to stop when the launcher is killed: nobody else would end this process."""
-    if "TORCHELASTIC_RUN_ID" in os.environ and sys.platform.startswith("linux"):
-        set_parent_death_signal = 1  # PR_SET_PDEATHSIG of <sys/prctl.h>
-        ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGTERM)
 
 
 def _unpadded(message: Tensor) -> bytes:

@@ -22,6 +22,11 @@ class World(Protocol):
     size: int
     """How many there are."""
 
+    @property
+    def is_orphan(self) -> bool:
+        """Whether the launcher of this process is gone: nobody else would end it."""
+        ...
+
     def device(self, name: str) -> str:
         """Where this rank computes, of a `train.device`: each rank of a host takes a GPU of its own.
 
@@ -85,6 +90,7 @@ class Alone(World):
     """This process and no other: everything is already agreed."""
 
     rank, size = 0, 1
+    is_orphan = False
 
     def device(self, name: str) -> str:
         """The same."""
