@@ -169,7 +169,7 @@ def test_an_episode_is_imitated_as_far_as_it_reached_something() -> None:
     def imitated(touched: list[int] | None) -> dict[str, float]:
         learner = small_learner(*settings)
         given = None if touched is None else np.array(touched, dtype=np.int64)
-        return learner.update([(batch, goals_for(batch))], given)
+        return learner.update(batch, goals_for(batch), given)
 
     steps = batch.lengths.sum()
     # What failed has reached something at its end; of the timeouts one did after two steps, the other never.

@@ -180,7 +180,9 @@ class Session:
             stop=self.stop.is_set or world.is_orphan,
             save=is_late and not world.rank,
         )
-        self._window.add_update(self._learner.update(batch, goals, [news.table]))
+        reached = [episode.touched for episode in episodes if episode.touched is not None]
+        touched = np.array(reached, dtype=np.int64) if reached else None
+        self._window.add_update(self._learner.update(batch, goals, touched, along=[news.table]))
         collect(world, self._learner.goals, self._buffer, ids, batch, news.successes)
         results = news.results
         self._window.add_episodes(results)
