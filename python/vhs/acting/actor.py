@@ -86,7 +86,7 @@ class Actor:
             Actions, int64 [n], or float32 [n, dim]; the critic's values, float32, shape [n].
         """
         self._agent.eval()
-        index = torch.from_numpy(streams)
+        index = to_device(streams, self._goals.device)
         features = self._agent.extractor(to_device(observations, self._goals.device), self._dtype)
         policy, values, state = self._agent(
             features.unsqueeze(1),
@@ -96,8 +96,9 @@ class Actor:
             None if beside is None else to_device(beside, self._goals.device).unsqueeze(1),
         )
         self._hidden[index], self._cell[index] = state.hidden, state.cell
-        chosen = self._choose(policy[:, 0].float().cpu())
-        return chosen.numpy(), values[:, 0].float().cpu().numpy()
+        # One copy back from the device: policy and value of each stream side by side.
+        found = torch.cat([policy[:, 0].float(), values.float()], dim=1).cpu()
+        return self._choose(found[:, :-1]).numpy(), found[:, -1].contiguous().numpy()
 
     def _choose(self, policy: Tensor) -> Tensor:
         head = self._agent.head

@@ -31,6 +31,8 @@ class GoalImages(NamedTuple):
 
     observations: Tensor
     labels: Tensor
+    classes: NDArray[np.int64]
+    """The same as `labels`, where no device need be asked for it."""
 
 
 class Goals(Protocol):
@@ -231,12 +233,12 @@ class ClassGoals(Goals):
             return None
         assert self._method.supcon_batch is not None, "a configuration that is settled for its task"
         observations, labels = self.store.sample(self._method.supcon_batch, balanced=True)
-        return GoalImages(to_device(observations, self._device), to_device(labels, self._device))
+        return GoalImages(to_device(observations, self._device), to_device(labels, self._device), labels)
 
     def learned(self, images: GoalImages, features: Tensor) -> None:
         """Move running prototypes towards the features of an update."""
         if self._method.prototype == "running":
-            self.prototypes.update(to_numpy(features), to_numpy(images.labels))
+            self.prototypes.update(to_numpy(features), images.classes)
 
     def summed(self, images: GoalImages | None, features: Tensor) -> Tensor:
         """Of no class where prototypes are not running ones."""

@@ -159,9 +159,11 @@ class Learner:
         sums = self.goals.summed(share.images, learned.image_features) if self._world.size > 1 else None
         if sums is not None:
             average_gradients(self._world, self.agent, [terms.sums, sums, *along])
-        metrics = terms.means()
-        self._check_finite(metrics)
-        metrics["grad_norm"] = self._step()
+        norm = nn.utils.clip_grad_norm_(self.agent.parameters(), self._train.max_grad_norm)
+        metrics, found = terms.means(norm)
+        self._check_finite(metrics, found)
+        metrics["grad_norm"] = found
+        self._step()
         if sums is not None:
             self.goals.learned_together(sums)
         elif share.images is not None:
@@ -301,14 +303,20 @@ class Learner:
         rows, bearings = self._reckoning(batch)
         labels = self._tensor(batch.goals[rows])
         ends = features[self._tensor(batch.offsets[rows] + batch.lengths[rows])].detach()
-        is_told = self._tensor(batch.outcomes[rows] == Outcome.SUCCESS)
+        is_told = batch.outcomes[rows] == Outcome.SUCCESS
         seen = self.goals.recognise(ends)
-        known = is_told if seen is None else torch.ones_like(is_told)
-        if not known.any():
+        if seen is None:  # what is not told is not known
+            rows, bearings, labels = (
+                rows[is_told],
+                bearings[is_told],
+                self._tensor(batch.goals[rows[is_told]]),
+            )
+        else:
+            labels = torch.where(self._tensor(is_told), labels, seen)
+        if not len(rows):
             return None
-        labels = labels if seen is None else torch.where(is_told, labels, seen)
-        chosen, valid = self._tensor(rows)[known], self._tensor(batch.mask[rows]).float()[known]
-        return Reached(sequences[chosen], labels[known], self._tensor(bearings)[known], valid)
+        valid = self._tensor(batch.mask[rows]).float()
+        return Reached(sequences[self._tensor(rows)], labels, self._tensor(bearings), valid)
 
     def _evaluate(self, x: Forward) -> dict[str, Tensor]:
         """Every term of the method, unweighted; those on images as soon as there are any."""
@@ -324,20 +332,18 @@ class Learner:
         weight = self.scheduled(term.weight) if isinstance(term.weight, str) else term.weight
         return term.sign * weight
 
-    def _check_finite(self, terms: Mapping[str, float]) -> None:
+    def _check_finite(self, terms: Mapping[str, float], norm: float) -> None:
         if not all(math.isfinite(term) for term in terms.values()):
             found = ", ".join(f"{name} {term:.3g}" for name, term in terms.items())
             raise DivergenceError(f"update {self.updates + 1}: expected a finite loss, found {found}")
-
-    def _step(self) -> float:
-        """Make one optimiser step from the gradients in `agent`; their norm before clipping."""
-        norm = nn.utils.clip_grad_norm_(self.agent.parameters(), self._train.max_grad_norm).item()
         if not math.isfinite(norm):
             raise DivergenceError(f"update {self.updates + 1}: expected a finite gradient, found norm {norm}")
+
+    def _step(self) -> None:
+        """Make one optimiser step from the gradients in `agent`."""
         for group in self.optimiser.param_groups:
             group["lr"] = self.scheduled("train.learning_rate")
         self.optimiser.step()
-        return norm
 
     def _tensor(self, array: NDArray[Any]) -> Tensor:
         return to_device(array, self._device)

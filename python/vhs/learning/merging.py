@@ -55,7 +55,8 @@ class Terms:
         self.sums = torch.stack([here, had.to(device)])
         """Of each term, and ranks that had it, shape [2, names]; to be summed over the ranks."""
 
-    def means(self) -> dict[str, float]:
-        """The mean of each term over the ranks that had it, by one read of the device."""
-        sums, counts = self.sums.tolist()
-        return {name: sums[i] / counts[i] for i, name in enumerate(self._names) if counts[i]}
+    def means(self, norm: Tensor) -> tuple[dict[str, float], float]:
+        """The mean of each term over the ranks that had it, and a number beside, read at once."""
+        *numbers, found = torch.cat([self.sums.flatten(), norm.float().reshape(1)]).tolist()
+        sums, counts = numbers[: len(self._names)], numbers[len(self._names) :]
+        return {name: sums[i] / counts[i] for i, name in enumerate(self._names) if counts[i]}, found
