@@ -128,6 +128,16 @@ class Session:
         return self._is_stop_agreed or (self._world.size == 1 and self.stop.is_set)
 
     @property
+    def updates(self) -> int:
+        """Steps of the optimiser."""
+        return self._learner.updates
+
+    @property
+    def parameters(self) -> list[torch.nn.Parameter]:
+        """What is learned."""
+        return list(self._learner.agent.parameters())
+
+    @property
     def num_waiting(self) -> int:
         """Episodes that have ended and wait to be learned from."""
         return len(self._waiting)

@@ -1,0 +1,137 @@
+"""Training by several processes of this machine: steps a second, bytes of an update, and a model of networks.
+
+    python benchmarks/bench_processes.py [--config configs/task2.yaml] [--processes 1 2] [--updates 100]
+                                         [--quick] [--json FILE]
+
+Each process learns from four episodes an update and steps its environments itself, so that work grows with
+the processes. Checks its subject first: the weights of all processes must be the same bits, and every update
+must have had its episodes. The networks are a model, from the measured update and the bytes of its messages:
+a ring moves 2 (n - 1) / n of a sum and n - 1 times what a process hands to all, in 2 (n - 1) and n - 1 hops.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+from torch.distributed.launcher.api import LaunchConfig, elastic_launch
+
+from vhs.config import load_config
+from vhs.train.log import QuietLog
+from vhs.train.session import Session
+from vhs.world import joined
+
+SHARE = 4
+"""Episodes that a process learns from in an update."""
+HOP_S = 50e-6
+"""Of a small message in a network."""
+
+
+def measure(config_path: str, updates: int, overrides: list[str]) -> dict[str, Any]:
+    """Train as one of the processes that the launcher has started; what was measured, alike on all."""
+    with joined() as world, tempfile.TemporaryDirectory(prefix="vhs-bench-") as directory:
+        fixed = [f"train.episodes_per_update={SHARE * world.size}", "env.num_workers=0", "method.warmup=1"]
+        config = load_config([config_path], [*fixed, *overrides])
+        session, log = Session(config, Path(directory) / "run", world=world), QuietLog()
+
+        def learn(count: int) -> None:
+            end = session.updates + count
+            while session.updates < end:
+                session.advance(log)
+
+        learn(max(2, updates // 4))
+        steps, episodes, began = session.progress.env_steps, session.progress.episodes, time.perf_counter()
+        learn(updates)
+        taken = time.perf_counter() - began
+        steps, episodes = session.progress.env_steps - steps, session.progress.episodes - episodes
+        session.expect_equal_weights()
+        assert episodes == updates * SHARE * world.size, "an update without its episodes"
+        session.close()
+        gradients = [parameter.grad for parameter in session.parameters if parameter.grad is not None]
+        began = time.perf_counter()
+        for _ in range(updates):
+            world.average(gradients)
+        message = (time.perf_counter() - began) / updates
+    return {
+        "steps_per_s": steps / taken,
+        "update_ms": taken / updates * 1000,
+        "message_ms": message * 1000,
+        "message_bytes": 4 * sum(gradient.numel() for gradient in gradients),
+    }
+
+
+def run(processes: int, *arguments: Any) -> dict[str, Any]:
+    """`measure` in so many processes."""
+    config = LaunchConfig(
+        min_nodes=1,
+        max_nodes=1,
+        nproc_per_node=processes,
+        run_id="bench",
+        rdzv_backend="c10d",
+        rdzv_endpoint="localhost:0",
+        max_restarts=0,
+        monitor_interval=0.1,
+    )
+    found: dict[str, Any] = elastic_launch(config, measure)(*arguments)[0]
+    return found
+
+
+def on_network(one: dict[str, Any], ranks: int, gbit_per_s: float, success: float = 0.9) -> dict[str, float]:
+    """What the model says of many processes: time of the messages of an update, and what of it is work."""
+    picture = 84 * 84 * 6 + 16
+    handed = 2 * (ranks - 1) / ranks * one["message_bytes"] + (ranks - 1) * SHARE * success * picture
+    message = handed * 8 / (gbit_per_s * 1e9) + 3 * (ranks - 1) * HOP_S
+    return {
+        "message_ms": message * 1000,
+        "efficiency": one["update_ms"] / (one["update_ms"] + message * 1000),
+        "megabytes": handed / 1e6,
+    }
+
+
+def main() -> None:
+    """Measure, model, print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--config", default="configs/task2.yaml")
+    parser.add_argument("--set", action="append", default=[])
+    parser.add_argument("--processes", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--updates", type=int, default=100)
+    parser.add_argument("--quick", action="store_true", help="a few updates of small networks")
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    if options.quick:
+        options.config, options.updates = "configs/debug.yaml", 4
+    load = os.getloadavg()[0]
+    found = {count: run(count, options.config, options.updates, options.set) for count in options.processes}
+    first = found[options.processes[0]]
+    print(f"{platform.machine()}, {os.cpu_count()} cores, load {load:.1f} before\n")
+    print("processes  steps/s  ratio  ms an update  ms its sum  MB")
+    for count, one in found.items():
+        ratio = one["steps_per_s"] / first["steps_per_s"]
+        print(
+            f"{count:9}  {one['steps_per_s']:7.0f}  {ratio:5.2f}  {one['update_ms']:12.1f}  "
+            f"{one['message_ms']:10.2f}  {one['message_bytes'] / 1e6:.1f}"
+        )
+    print("\nmodel: ranks  Gbit/s  MB an update  ms  efficiency")
+    model = {}
+    for ranks in (8, 64, 512):
+        for speed in (1, 25):
+            said = model[f"{ranks} ranks, {speed} Gbit/s"] = on_network(first, ranks, speed)
+            print(
+                f"{ranks:12}  {speed:6}  {said['megabytes']:12.1f}  {said['message_ms']:5.0f}  "
+                f"{said['efficiency']:.2f}"
+            )
+    if options.json:
+        numbers = {"load": load, "measured": found, "model": model}
+        options.json.write_text(json.dumps(numbers, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
