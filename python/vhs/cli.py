@@ -153,6 +153,11 @@ def _add_sweep(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE",
         help="set one key for every run, over the file's `set`, under its grids; may be repeated",
     )
+    parser.add_argument(
+        "--list",
+        action="store_true",
+        help="print the runs as lines for a shell, to be started by something else, and start none",
+    )
     parser.set_defaults(run=_sweep)
 
 
@@ -346,10 +351,15 @@ def _push(options: argparse.Namespace) -> int:
 
 
 def _sweep(options: argparse.Namespace) -> int:
+    from vhs.sweep.plan import list_commands
     from vhs.sweep.runner import sweep
 
-    # A second Ctrl-C, or one while nothing runs, ends the runs, which resume from their checkpoints.
     out = options.out or Path("runs") / options.file.stem
+    if options.list:
+        for line in list_commands(options.file, out, options.set):
+            options.say(line)
+        return 0
+    # A second Ctrl-C, or one while nothing runs, ends the runs, which resume from their checkpoints.
     return sweep(options.file, out, options.jobs, overrides=options.set)
 
 

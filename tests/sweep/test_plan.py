@@ -1,12 +1,13 @@
 """Sweep files: what they ask for, by which names, and what they may not say."""
 
 import re
+import shlex
 import textwrap
 from pathlib import Path
 
 import pytest
 
-from vhs.cli import _parser
+from vhs.cli import _parser, main
 from vhs.config import load_config
 from vhs.errors import ConfigError
 from vhs.sweep.plan import PlannedRun, plan_runs, read_sweep
@@ -202,3 +203,22 @@ def test_the_sweeps_that_we_ship_plan_their_runs(name: str, count: int) -> None:
     runs = plan_runs(path, read_sweep(path), 1)
     assert len(runs) == count
     assert {run.config.method.name for run in runs} == METHODS
+
+
+def test_a_sweep_is_listed_as_lines_for_a_shell(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "sweep.yaml"
+    path.write_text(
+        "seeds: [0, 1]\neval: {episodes: 7, seed: 9, greedy: true}\n"
+        "grids: [{grid: {method.relabel_on: [[timeout], [failure, timeout]]}}]"
+    )
+    assert main(["sweep", str(path), "--out", str(tmp_path / "a b"), "--list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 4
+    assert not (tmp_path / "a b").exists()
+    for line, run in zip(lines, plan_runs(path, read_sweep(path), 1), strict=True):
+        directory = str(tmp_path / "a b" / run.name)
+        words = shlex.split(line)
+        split = words.index("&&")
+        assert words[:split] == ["vhs", "train", *run.arguments, "--out", directory]
+        last = ["--episodes", "7", "--seed", "9", "--greedy"]
+        assert words[split + 1 :] == ["vhs", "eval", directory, *last]

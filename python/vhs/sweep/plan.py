@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import shlex
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -95,6 +96,37 @@ class PlannedRun:
     config: Config
     arguments: tuple[str, ...]
     """Of ``vhs train``, without ``--out``."""
+
+    def training(self, directory: Path) -> list[str]:
+        """Arguments of ``vhs`` that train it."""
+        return ["train", *self.arguments, "--out", str(directory)]
+
+
+def evaluation(directory: Path, section: EvalSection) -> list[str]:
+    """Arguments of ``vhs`` that evaluate the run in a directory as a sweep asks for."""
+    greedy = ["--greedy"] if section.greedy else []
+    return ["eval", str(directory), "--episodes", str(section.episodes), "--seed", str(section.seed), *greedy]
+
+
+def list_commands(path: Path, out: Path, overrides: Iterable[str] = ()) -> list[str]:
+    """The runs of a sweep file as lines for a shell, on a core each, whoever starts them.
+
+    Args:
+        path: the sweep file.
+        out: directory of the runs.
+        overrides: as for `read_sweep`.
+
+    Returns:
+        A line a run, which trains or resumes it and then evaluates it, always in the same order.
+
+    Raises:
+        ConfigError: the sweep file or `overrides` cannot be used.
+    """
+    content, lines = read_sweep(path, overrides), []
+    for run in plan_runs(path, content, 1):
+        both = run.training(out / run.name), evaluation(out / run.name, content.eval)
+        lines.append(" && ".join(shlex.join(["vhs", *arguments]) for arguments in both))
+    return lines
 
 
 def read_sweep(path: Path, overrides: Iterable[str] = ()) -> Sweep:

@@ -27,7 +27,7 @@ from vhs.runs.files import writing
 from vhs.runs.lock import hold
 from vhs.sweep import launch
 from vhs.sweep.display import SweepDisplay, describe_result
-from vhs.sweep.plan import EvalSection, PlannedRun, plan_runs, read_sweep
+from vhs.sweep.plan import EvalSection, PlannedRun, evaluation, plan_runs, read_sweep
 from vhs.sweep.state import Stage, newest_row, next_stage
 
 _POLL_S = 0.2
@@ -171,12 +171,9 @@ class _Sweep:
                 self._start(run, stage, self._free.pop())
 
     def _start(self, run: PlannedRun, stage: Stage, slot: tuple[int, ...]) -> None:
-        directory, evaluation = self._out / run.name, self._evaluation
-        if stage == "train":
-            arguments = ["train", *run.arguments, "--out", str(directory)]
-        else:
-            arguments = ["eval", str(directory), "--episodes", str(evaluation.episodes)]
-            arguments += ["--seed", str(evaluation.seed), *(["--greedy"] if evaluation.greedy else [])]
+        directory = self._out / run.name
+        is_trained = stage != "train"
+        arguments = evaluation(directory, self._evaluation) if is_trained else run.training(directory)
         cores = ",".join(map(str, slot))
         try:
             with self._log_path(run).open("ab") as log:
