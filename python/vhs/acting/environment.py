@@ -52,7 +52,9 @@ class TaskEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
         elif spec.goals == "vectors":
             entries["desired_goal"] = entries["achieved_goal"] = _box(spec.goal_shape, spec.goal_dtype)
         if spec.fields:
-            boxes = {name: _box(field.shape, field.dtype) for name, field in spec.fields.items()}
+            boxes: dict[str, spaces.Space[Any]] = {
+                name: _box(field.shape, field.dtype) for name, field in spec.fields.items()
+            }
             entries["fields"] = spaces.Dict(boxes)
         self.observation_space = spaces.Dict(entries)
         self.action_space = shown_space(env.action_space)
