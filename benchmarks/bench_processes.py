@@ -5,8 +5,11 @@
 
 Each process learns from four episodes an update and steps its environments itself, so that work grows with
 the processes. Checks its subject first: the weights of all processes must be the same bits, and every update
-must have had its episodes. The networks are a model, from the measured update and the bytes of its messages:
-a ring moves 2 (n - 1) / n of a sum and n - 1 times what a process hands to all, in 2 (n - 1) and n - 1 hops.
+must have had its episodes. Beside the wall clock, which other work on the machine spoils, stands the time of
+the processor in each update: that of the slowest process is what it takes where each has a core.
+
+The networks are a model, from that time and the bytes of the messages: a ring moves 2 (n - 1) / n of a sum
+and n - 1 times what a process hands to all, in 2 (n - 1) and n - 1 hops.
 """
 
 from __future__ import annotations
@@ -40,17 +43,26 @@ def measure(config_path: str, updates: int, overrides: list[str]) -> dict[str, A
         config = load_config([config_path], [*fixed, *overrides])
         session, log = Session(config, Path(directory) / "run", world=world), QuietLog()
 
-        def learn(count: int) -> None:
-            end = session.updates + count
-            while session.updates < end:
-                session.advance(log)
+        def learn(count: int) -> list[float]:
+            """Processor time of each of so many updates, with the steps before it."""
+            spent, last = [], time.process_time()
+            for end in range(session.updates + 1, session.updates + count + 1):
+                while session.updates < end:
+                    session.advance(log)
+                now = time.process_time()
+                spent.append(now - last)
+                last = now
+            return spent
 
         learn(max(2, updates // 4))
         steps, episodes, began = session.progress.env_steps, session.progress.episodes, time.perf_counter()
-        learn(updates)
+        spent = learn(updates)
         taken = time.perf_counter() - began
         steps, episodes = session.progress.env_steps - steps, session.progress.episodes - episodes
         session.expect_equal_weights()
+        slowest = [
+            max(each) for each in zip(*map(json.loads, world.share(json.dumps(spent).encode())), strict=True)
+        ]
         assert episodes == updates * SHARE * world.size, "an update without its episodes"
         session.close()
         gradients = [parameter.grad for parameter in session.parameters if parameter.grad is not None]
@@ -61,6 +73,8 @@ def measure(config_path: str, updates: int, overrides: list[str]) -> dict[str, A
     return {
         "steps_per_s": steps / taken,
         "update_ms": taken / updates * 1000,
+        "processor_ms": sum(slowest) / updates * 1000,
+        "steps_per_processor_s": steps / sum(slowest),
         "message_ms": message * 1000,
         "message_bytes": 4 * sum(gradient.numel() for gradient in gradients),
     }
@@ -89,7 +103,7 @@ def on_network(one: dict[str, Any], ranks: int, gbit_per_s: float, success: floa
     message = handed * 8 / (gbit_per_s * 1e9) + 3 * (ranks - 1) * HOP_S
     return {
         "message_ms": message * 1000,
-        "efficiency": one["update_ms"] / (one["update_ms"] + message * 1000),
+        "efficiency": one["processor_ms"] / (one["processor_ms"] + message * 1000),
         "megabytes": handed / 1e6,
     }
 
@@ -112,12 +126,15 @@ def main() -> None:
     found = {count: run(count, options.config, options.updates, options.set) for count in options.processes}
     first = found[options.processes[0]]
     print(f"{platform.machine()}, {os.cpu_count()} cores, load {load:.1f} before\n")
-    print("processes  steps/s  ratio  ms an update  ms its sum  MB")
+    print("           wall clock               processor time of the slowest")
+    print("processes  steps/s  ratio  ms its sum  ms an update  steps/s  ratio  MB its sum")
     for count, one in found.items():
         ratio = one["steps_per_s"] / first["steps_per_s"]
         print(
-            f"{count:9}  {one['steps_per_s']:7.0f}  {ratio:5.2f}  {one['update_ms']:12.1f}  "
-            f"{one['message_ms']:10.2f}  {one['message_bytes'] / 1e6:.1f}"
+            f"{count:9}  {one['steps_per_s']:7.0f}  {ratio:5.2f}  {one['message_ms']:10.2f}  "
+            f"{one['processor_ms']:12.1f}  {one['steps_per_processor_s']:7.0f}  "
+            f"{one['steps_per_processor_s'] / first['steps_per_processor_s']:5.2f}  "
+            f"{one['message_bytes'] / 1e6:10.1f}"
         )
     print("\nmodel: ranks  Gbit/s  MB an update  ms  efficiency")
     model = {}
