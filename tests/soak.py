@@ -36,7 +36,7 @@ MARK = "VHS_SOAK"
 """In the environment of every process that is started here: what is left over is found by it."""
 HANG_S = 180.0
 DISK_BYTES = 40_000_000
-EPISODES = 600
+EPISODES = 2000
 CONFIG = ["--config", str(Path(__file__).parents[1] / "configs" / "debug.yaml")]
 SETTINGS = [
     f"train.episodes={EPISODES}", "train.checkpoint_every_s=0.2", "train.log_every=20",
@@ -146,7 +146,9 @@ def training(soak: Soak) -> None:
     while time.monotonic() < deadline:
         process = start_training(soak, run, seed)
         if soak.random.random() < 0.9:
-            time.sleep(soak.random.uniform(0.5, 9.0))
+            if soak.random.random() < 0.8:
+                wait_for_workers(process)
+            time.sleep(soak.random.uniform(0.0, 5.0))
             soak.random.choice(attacks)(soak, process, run)
         status = soak.wait(process, "training")
         output = (soak.directory / "output").read_text(errors="replace")
@@ -169,6 +171,12 @@ def training(soak: Soak) -> None:
 def start_training(soak: Soak, run: Path, seed: int) -> subprocess.Popen[str]:
     sets = [part for setting in [*SETTINGS, f"seed={seed}"] for part in ("--set", setting)]
     return soak.start("-m", "vhs.cli", "train", *CONFIG, *sets, "--out", str(run))
+
+
+def wait_for_workers(process: subprocess.Popen[str]) -> None:
+    """Until a training has begun, or ended; imports take most of a short run."""
+    while process.poll() is None and not children(process.pid):
+        time.sleep(0.05)
 
 
 def signalled(number: signal.Signals) -> Callable[[Soak, subprocess.Popen[str], Path], None]:
