@@ -21,6 +21,7 @@ from vhs.eval import read_evaluations
 from vhs.learning.terms import TERMS, Forward, Term
 from vhs.runs.checkpoint import load_checkpoint
 from vhs.runs.rows import read_log
+from vhs.runs.seal import sealed, unsealed
 from vhs.train import train
 
 pytestmark = pytest.mark.slow
@@ -71,13 +72,13 @@ def test_what_made_a_run_is_kept_and_each_resumption_added(tmp_path: Path) -> No
     run = tmp_path / "run"
     train(debug_config("train.episodes=4"), run, StringIO())
     first = json.loads((run / "run.json").read_text())
-    (run / "run.json").write_text(json.dumps(first | {"commit": "of the first start"}))
+    (run / "run.json").write_text(json.dumps(sealed(first | {"commit": "of the first start"})))
     for episodes in (8, 12):
         train(debug_config(f"train.episodes={episodes}"), run, StringIO())
     meta = json.loads((run / "run.json").read_text())
     assert meta["commit"] == "of the first start"
     assert [start["episodes"] for start in meta["resumed"]] == [4, 8]
-    assert meta["resumed"][0].keys() == first.keys() | {"episodes"}
+    assert meta["resumed"][0].keys() == unsealed(first).keys() | {"episodes"}
     (run / "run.json").write_text("{")
     train(debug_config("train.episodes=16"), run, StringIO())
     assert [start["episodes"] for start in json.loads((run / "run.json").read_text())["resumed"]] == [12]
