@@ -1,8 +1,12 @@
 """What a task is found to be by trying it; what does not fit is said by the field that it stands in."""
 
 import os
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -148,3 +152,36 @@ def test_the_step_is_counted_at_which_something_was_last_reached() -> None:
         infos = [env.step(action)[4] for action in actions]
         assert infos[-1]["touched"] == expected
         assert not any(infos[:-1])
+
+
+# A task that hangs in its first step; says the process in which it does.
+HANGING = """
+import os, sys, time
+sys.path[:0] = sys.argv[1:2]
+from dataclasses import replace
+from toy import Toy, toy_task
+from vhs.acting.trial import try_task_apart
+
+class Hanging(Toy):
+    def step(self, action):
+        print(os.getpid(), flush=True)
+        time.sleep(1000)
+
+try_task_apart(replace(toy_task(), make=Hanging))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the kernel says who ended on Linux alone")
+def test_a_trial_ends_with_whoever_asked_for_it() -> None:
+    support = str(Path(__file__).parents[1] / "support")
+    with subprocess.Popen(
+        [sys.executable, "-c", HANGING, support], stdout=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        trial = int(process.stdout.readline())
+        process.kill()
+    deadline = time.monotonic() + 30
+    while Path(f"/proc/{trial}").exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    assert not Path(f"/proc/{trial}").exists()

@@ -6,6 +6,8 @@ leave its OpenGL context, threads and locks to every worker.
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -41,7 +43,8 @@ def try_task_apart(task: Task) -> TaskSpec:
         ConfigError: the process died.
     """
     # The arguments of an initialiser are inherited, those of a call are pickled.
-    with ProcessPoolExecutor(1, get_context("fork"), _remember, (lambda: try_task(task),)) as process:
+    arguments = (lambda: try_task(task)), os.getpid()
+    with ProcessPoolExecutor(1, get_context("fork"), _remember, arguments) as process:
         try:
             return process.submit(_call).result()
         except BrokenProcessPool as error:
@@ -53,7 +56,12 @@ def try_task_apart(task: Task) -> TaskSpec:
 _remembered: list[Callable[[], TaskSpec]] = []
 
 
-def _remember(function: Callable[[], TaskSpec]) -> None:
+def _remember(function: Callable[[], TaskSpec], parent: int) -> None:
+    if sys.platform.startswith("linux"):
+        from vhs._core import RolloutWorker
+
+        # It holds its own end of the pipe, on which it would wait for ever once its parent is killed.
+        RolloutWorker.end_with(parent, by_signal=False)
     _remembered.append(function)
 
 

@@ -358,7 +358,7 @@ impl EpisodeBuffer {
         &mut self.rng
     }
 
-    /// Shape of one observation: as [`Stacking`] says.
+    /// Shape of one observation: as [`Stacking`](super::config::Stacking) says.
     #[must_use]
     pub fn observation_shape(&self) -> Vec<usize> {
         self.config.observation_shape()
