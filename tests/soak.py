@@ -152,9 +152,10 @@ def training(soak: Soak) -> None:
             soak.random.choice(attacks)(soak, process, run)
         status = soak.wait(process, "training")
         output = (soak.directory / "output").read_text(errors="replace")
-        # Ctrl-C may come before the program has begun.
+        # Ctrl-C may come before the program has begun; TensorBoard's thread prints why it fails before we do.
         is_early = output.endswith("KeyboardInterrupt\n") and "in main" not in output
-        if "Traceback" in output and not is_early:
+        is_board = "tensorboard: cannot write" in output.splitlines()[-1] if output else False
+        if "Traceback" in output and not (is_early or is_board):
             soak.fault("training: a traceback")
         if status == 0 and newest(run) == EPISODES:
             break
