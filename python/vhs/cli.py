@@ -277,9 +277,10 @@ def _train(options: argparse.Namespace) -> int:
     from vhs.runs.directory import default_run_directory
     from vhs.train import train
     from vhs.world import is_rank, joined
-    from vhs.world.launch import launch
 
     if options.processes > 1 and not is_rank():
+        from vhs.world.launch import launch  # torch's launcher is slow to import, and talks on macOS
+
         load_config(options.config, options.set, task=options.task)  # what is wrong with it is told once
         return launch(options.processes, options.arguments)
     with joined() as world:
