@@ -1,7 +1,8 @@
 """What compressing frames one by one saves in memory, and costs when they are stored and drawn.
 
-Frames of rooms (84 x 84 RGB, textured walls) and, where minigrid is installed, of BabyAI (its full picture at
-about 84 x 84): episodes of chance in each, in a buffer of memory and one with `backing="lz4"`.
+Frames of rooms (84 x 84 RGB, textured walls) and, where minigrid and ale-py are installed, of BabyAI (its
+full picture at about 84 x 84) and of Breakout (210 x 160 RGB, every fourth): episodes of chance in each, in a
+buffer of memory and one with `backing="lz4"`.
 
     python benchmarks/bench_compression.py                  # a table
     python benchmarks/bench_compression.py --json out.json  # and the numbers as JSON
@@ -14,6 +15,7 @@ import argparse
 import json
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -45,13 +47,18 @@ def kinds() -> dict[str, Iterator[Frames]]:
     """Environments that are there."""
     rooms = gymnasium.make("vhs/InteractiveObjectNav-v0")
     found = {"rooms": episodes(rooms, lambda seen: seen["image"])}
-    try:
+    with suppress(ImportError):
         import minigrid  # noqa: F401 - registers BabyAI
         from minigrid.wrappers import RGBImgObsWrapper
-    except ImportError:
-        return found
-    grid = RGBImgObsWrapper(gymnasium.make("BabyAI-GoToObj-v0"), tile_size=12)
-    return {**found, "BabyAI": episodes(grid, lambda seen: seen["image"])}
+
+        grid = RGBImgObsWrapper(gymnasium.make("BabyAI-GoToObj-v0"), tile_size=12)
+        found["BabyAI"] = episodes(grid, lambda seen: seen["image"])
+    with suppress(ImportError):
+        import ale_py
+
+        gymnasium.register_envs(ale_py)
+        found["Breakout"] = episodes(gymnasium.make("ALE/Breakout-v5"), lambda seen: seen)
+    return found
 
 
 def measure(recorded: list[Frames], backing: str, repeats: int) -> dict[str, float]:
