@@ -154,6 +154,23 @@ def test_the_step_is_counted_at_which_something_was_last_reached() -> None:
         assert not any(infos[:-1])
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("when", ["made", "stepped"])
+def test_an_environment_that_hangs_is_told(when: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Hung(Toy):
+        def __init__(self, *arguments: Any, **sizes: Any) -> None:
+            super().__init__(*arguments, **sizes)
+            if when == "made":
+                time.sleep(1000)
+
+        def step(self, action: Any) -> Any:
+            time.sleep(1000)
+
+    monkeypatch.setattr("vhs.acting.trial.START_LIMIT_S", 3.0)
+    with pytest.raises(ConfigError, match=r"task toy: .* hanging after [01] steps"):
+        try_task_apart(replace(toy_task(), make=Hung), deadline_s=0.5)
+
+
 # A task that hangs in its first step; says the process in which it does.
 HANGING = """
 import os, sys, time

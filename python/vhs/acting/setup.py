@@ -72,7 +72,7 @@ def learn_spec(config: Config, task: Task) -> TaskSpec:
     Raises:
         ArgumentError: a field of the task does not fit its environment; it is named.
     """
-    return try_task_apart(task) if _workers(config) else try_task(task)
+    return try_task_apart(task, config.env.deadline_s) if _workers(config) else try_task(task)
 
 
 def make_env(task: Task, spec: TaskSpec, *, rendering: bool = False) -> TaskEnv:

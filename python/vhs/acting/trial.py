@@ -6,10 +6,11 @@ leave its OpenGL context, threads and locks to every worker.
 
 from __future__ import annotations
 
+import mmap
 import os
 import sys
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from multiprocessing import get_context
@@ -18,9 +19,16 @@ from vhs.acting.environment import TaskEnv
 from vhs.errors import ConfigError
 from vhs.task import Task, TaskSpec
 
+START_LIMIT_S = 120.0
+"""How long an environment may take to be made, sized up and made again."""
 
-def try_task(task: Task) -> TaskSpec:
+
+def try_task(task: Task, moved: Callable[[], object] = lambda: None) -> TaskSpec:
     """Sizes and types of a task, of which one episode has been played at random in this process.
+
+    Args:
+        task: What is tried.
+        moved: Called after the reset and after each step.
 
     Raises:
         ArgumentError: a field of the task does not fit its environment; it is named.
@@ -31,22 +39,45 @@ def try_task(task: Task) -> TaskSpec:
         env.reset(seed=0)
         is_over = False
         while not is_over:
+            moved()
             _, _, terminated, truncated, _ = env.step(env.action_space.sample())
             is_over = terminated or truncated
     return spec
 
 
-def try_task_apart(task: Task) -> TaskSpec:
+def try_task_apart(task: Task, deadline_s: float = 60.0) -> TaskSpec:
     """As `try_task`, in a process of its own, which is forked: a task may hold what cannot be pickled.
 
+    Args:
+        task: What is tried.
+        deadline_s: Seconds that a reset or a step may take.
+
     Raises:
-        ConfigError: the process died.
+        ConfigError: the process died, or its environment took too long.
     """
+    # Steps taken, in memory that both processes see.
+    taken = mmap.mmap(-1, 8)
+
+    def moved() -> None:
+        taken[:] = (int.from_bytes(taken[:]) + 1).to_bytes(8)
+
     # The arguments of an initialiser are inherited, those of a call are pickled.
-    arguments = (lambda: try_task(task)), os.getpid()
+    arguments = (lambda: try_task(task, moved)), os.getpid()
     with ProcessPoolExecutor(1, get_context("fork"), _remember, arguments) as process:
+        future = process.submit(_call)
+        before, limit_s = 0, START_LIMIT_S
+        while not wait([future], limit_s).done:
+            now = int.from_bytes(taken[:])
+            if now == before:
+                for child in list(process._processes.values()):
+                    child.kill()
+                raise ConfigError(
+                    f"task {task.name}: expected an environment within {START_LIMIT_S:g} s and each step in "
+                    f"{deadline_s:g} s (env.deadline_s), found it hanging after {now} steps"
+                )
+            before, limit_s = now, deadline_s
         try:
-            return process.submit(_call).result()
+            return future.result()
         except BrokenProcessPool as error:
             raise ConfigError(
                 f"task {task.name}: expected an episode, found its process dead (a fault in native code?)"
