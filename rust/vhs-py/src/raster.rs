@@ -73,7 +73,7 @@ type FlexParts<'py> = (
 #[doc = stub!("RasterCanvas")]
 // A picture of fixed size that draws one scene.
 #[pyclass(module = "vhs._core", frozen)]
-pub struct RasterCanvas {
+pub(crate) struct RasterCanvas {
     source: Py<RasterSource>,
     state: Mutex<State>,
     antialias: Antialias,

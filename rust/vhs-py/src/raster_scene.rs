@@ -19,7 +19,7 @@ use crate::raster_arrays::{gaps, indices, rows};
 #[doc = stub!("RasterScene")]
 // A scene while it is being collected.
 #[pyclass(module = "vhs._core", frozen)]
-pub struct RasterScene {
+pub(crate) struct RasterScene {
     collected: Mutex<Collected>,
 }
 

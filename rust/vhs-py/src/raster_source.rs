@@ -39,7 +39,7 @@ struct Records<const N: usize> {
 
 #[doc = stub!("RasterSource")]
 #[pyclass(module = "vhs._core", frozen)]
-pub struct RasterSource {
+pub(crate) struct RasterSource {
     geoms: Records<GEOM_FIELDS>,
     lights: Records<LIGHT_FIELDS>,
     flags: Py<PyArrayDyn<u8>>,

@@ -14,3 +14,4 @@ pub mod windows;
 mod file;
 mod kept;
 mod layer;
+mod room;

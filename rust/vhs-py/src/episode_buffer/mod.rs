@@ -3,6 +3,7 @@
 mod arguments;
 mod draws;
 mod methods;
+mod properties;
 
 use std::path::Path;
 use std::sync::{PoisonError, RwLock};
