@@ -23,12 +23,13 @@ import time
 from pathlib import Path
 from typing import Any
 
-from torch.distributed.launcher.api import LaunchConfig, elastic_launch
+from torch.distributed.launcher.api import elastic_launch
 
 from vhs.config import load_config
-from vhs.train.log import QuietLog
+from vhs.train.log import Log
 from vhs.train.session import Session
 from vhs.world import joined
+from vhs.world.launch import one_machine
 
 SHARE = 4
 """Episodes that a process learns from in an update."""
@@ -41,7 +42,7 @@ def measure(config_path: str, updates: int, overrides: list[str]) -> dict[str, A
     with joined() as world, tempfile.TemporaryDirectory(prefix="vhs-bench-") as directory:
         fixed = [f"train.episodes_per_update={SHARE * world.size}", "env.num_workers=0", "method.warmup=1"]
         config = load_config([config_path], [*fixed, *overrides])
-        session, log = Session(config, Path(directory) / "run", world=world), QuietLog()
+        session, log = Session(config, Path(directory) / "run", world=world), Log()
 
         def learn(count: int) -> list[float]:
             """Processor time of each of so many updates, with the steps before it."""
@@ -82,17 +83,7 @@ def measure(config_path: str, updates: int, overrides: list[str]) -> dict[str, A
 
 def run(processes: int, *arguments: Any) -> dict[str, Any]:
     """`measure` in so many processes."""
-    config = LaunchConfig(
-        min_nodes=1,
-        max_nodes=1,
-        nproc_per_node=processes,
-        run_id="bench",
-        rdzv_backend="c10d",
-        rdzv_endpoint="localhost:0",
-        max_restarts=0,
-        monitor_interval=0.1,
-    )
-    found: dict[str, Any] = elastic_launch(config, measure)(*arguments)[0]
+    found: dict[str, Any] = elastic_launch(one_machine(processes), measure)(*arguments)[0]
     return found
 
 

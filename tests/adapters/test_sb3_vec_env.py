@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
 from collections.abc import Callable
 from typing import Any
 
@@ -22,23 +20,9 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from vhs.adapters.sb3 import HindsightBuffer, PoolVecEnv
 
-from .goal_envs import LIMIT, EndingLine, Line, Tile
+from .goal_envs import LIMIT, Deadly, EndingLine, Line, Tile
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]  # they start processes
-
-
-class Deadly(Line):
-    """Its process ends in the third step of its first episode."""
-
-    def reset(self, **how: Any) -> Any:
-        super().reset(**how)
-        self.place, self.goal = 0, 20
-        return self.seen(), {}
-
-    def step(self, action: Any) -> Any:
-        if self.time == 2 and self.episode == 1:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return super().step(action)
 
 
 def same(one: Any, other: Any) -> None:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import importlib
 import multiprocessing
-import os
-import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -26,26 +24,12 @@ from torchrl.envs import check_env_specs  # noqa: E402
 from vhs.adapters.tensordict import tensordict_of  # noqa: E402
 from vhs.adapters.torchrl import PoolEnv  # noqa: E402
 
-from .goal_envs import LIMIT, EndingLine, Line, Tile  # noqa: E402
+from .goal_envs import LIMIT, Deadly, EndingLine, Line, Tile  # noqa: E402
 
 # Importing TorchRL told it to spawn, and not these tests alone: as if nobody had said anything.
 multiprocessing.set_start_method(None, force=True)  # type: ignore[arg-type]
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]  # they start processes
-
-
-class Deadly(Line):
-    """Its process ends in the third step of its first episode."""
-
-    def reset(self, **how: Any) -> Any:
-        super().reset(**how)
-        self.place, self.goal = 0, 20
-        return self.seen(), {}
-
-    def step(self, action: Any) -> Any:
-        if self.time == 2 and self.episode == 1:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return super().step(action)
 
 
 class Counted(gymnasium.Env[Any, Any]):

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, TextIO
+from typing import Any, TextIO
 
 from vhs.config import Config
 from vhs.console import Output
@@ -17,8 +17,8 @@ from vhs.runs.rows import LOG_NAME
 from vhs.train.display import TrainingDisplay
 
 
-class Log(Protocol):
-    """What a session tells of its training."""
+class Log:
+    """What a session tells of its training; this one, of a rank for which another speaks, tells nobody."""
 
     def advance(self, episodes: int) -> None:
         """Say how far the training is."""
@@ -34,25 +34,6 @@ class Log(Protocol):
 
     def say(self, text: str) -> None:
         """Tell something that is no row."""
-
-
-class QuietLog(Log):
-    """That of a rank for which another one speaks."""
-
-    def advance(self, episodes: int) -> None:
-        """Nothing."""
-
-    def write(self, row: Mapping[str, Any]) -> None:
-        """Nothing."""
-
-    def show(self, name: str, path: Path, episodes: int) -> None:
-        """Nothing."""
-
-    def sync(self) -> None:
-        """Nothing."""
-
-    def say(self, text: str) -> None:
-        """Nothing."""
 
 
 class TrainingLog(Log):

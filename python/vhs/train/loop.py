@@ -17,7 +17,7 @@ from vhs.runs.directory import check_run, open_run
 from vhs.runs.loggers import check_loggers
 from vhs.task import Task
 from vhs.train.exchange import check_sees, check_share, facts
-from vhs.train.log import Log, QuietLog, TrainingLog
+from vhs.train.log import Log, TrainingLog
 from vhs.train.memory import keep_freed_memory
 from vhs.train.session import Session
 from vhs.world import World, joined
@@ -74,7 +74,7 @@ def train(
         with world.together():
             session = opened.enter_context(closing(Session(here, run, task, spec, extractor, world)))
         with world.together():
-            log: Log = QuietLog()
+            log = Log()
             if not world.rank:
                 log = opened.enter_context(_opened(config, run, session, stream))
         check_sees(world, run)

@@ -17,6 +17,20 @@ STOPPED = 130
 """Exit status of a training that a signal has stopped and that was saved."""
 
 
+def one_machine(processes: int) -> LaunchConfig:
+    """How so many ranks of one machine find each other; nobody starts one anew."""
+    return LaunchConfig(
+        min_nodes=1,
+        max_nodes=1,
+        nproc_per_node=processes,
+        run_id="vhs",
+        rdzv_backend="c10d",
+        rdzv_endpoint="localhost:0",
+        max_restarts=0,
+        monitor_interval=0.1,
+    )
+
+
 def launch(processes: int, arguments: Sequence[str]) -> int:
     """Run ``vhs ARGUMENTS`` as so many ranks, until all have ended.
 
@@ -33,19 +47,9 @@ def launch(processes: int, arguments: Sequence[str]) -> int:
     """
     # What torch's agent would say of its work is for whoever wrote it; what happened is said below.
     logging.getLogger("torch.distributed.elastic").setLevel(logging.CRITICAL)
-    config = LaunchConfig(
-        min_nodes=1,
-        max_nodes=1,
-        nproc_per_node=processes,
-        run_id="vhs",
-        rdzv_backend="c10d",
-        rdzv_endpoint="localhost:0",
-        max_restarts=0,
-        monitor_interval=0.1,
-    )
     ranks = ["-m", "vhs", *arguments]
     try:
-        elastic_launch(config, sys.executable)(*ranks)
+        elastic_launch(one_machine(processes), sys.executable)(*ranks)
     except SignalException:
         return STOPPED
     except ChildFailedError as error:
