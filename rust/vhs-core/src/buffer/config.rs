@@ -2,12 +2,15 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use crate::buffer::field::check_fields;
 pub use crate::buffer::field::{Field, Per};
 pub use crate::item::Item;
 use crate::item::volume;
 use crate::labels::{class_of, label_of};
+use crate::storage::memory::scratch_file;
+use crate::storage::slab::Source;
 pub use crate::storage::stacking::Stacking;
 use vhs_base::check::{self, check_labels, check_range};
 use vhs_base::error::{Error, Result};
@@ -47,6 +50,37 @@ pub enum Backing {
     /// Files in this folder, which stay: [`EpisodeBuffer::keep`](super::episodes::EpisodeBuffer::keep) and
     /// [`EpisodeBuffer::reopen`](super::episodes::EpisodeBuffer::reopen) make such buffers.
     Kept(PathBuf),
+}
+
+impl Backing {
+    /// Where records of this name lie: fields in scratch files beside that of the frames, goals in memory.
+    pub(super) fn source(&self, name: &str) -> Result<Source> {
+        let mut path = match (self, name) {
+            (Backing::Packed, "frames") => return Ok(Source::Packed),
+            (Backing::Memory | Backing::Packed, _) | (Backing::Scratch(_), "goals") => {
+                return Ok(Source::Memory);
+            }
+            (Backing::Scratch(path), _) => path.clone(),
+            (Backing::Kept(folder), _) => {
+                return Err(Error::Argument {
+                    field: "backing",
+                    expected: "a buffer that stays to be made by `keep` or `reopen`".into(),
+                    got: folder.display().to_string(),
+                });
+            }
+        };
+        if name != "frames" {
+            path.as_mut_os_string().push(format!(".{name}"));
+        }
+        match scratch_file(&path) {
+            Ok(file) => Ok(Source::File(Arc::new(file))),
+            Err(source) => Err(Error::Io {
+                path,
+                call: "create",
+                source,
+            }),
+        }
+    }
 }
 
 /// What an [`EpisodeBuffer`](super::episodes::EpisodeBuffer) is built from.

@@ -17,7 +17,6 @@ use crate::buffer::episode::{Episode, Opening, Steps};
 use crate::buffer::field::{Field, Per};
 use crate::buffer::layer::Layer;
 use crate::buffer::priorities::Priorities;
-use crate::buffer::room::source;
 use crate::labels::class_of;
 use crate::outcome::Outcome;
 use crate::storage::journal::Journal;
@@ -86,7 +85,7 @@ impl EpisodeBuffer {
     pub fn new(config: EpisodeConfig) -> Result<Self> {
         config.check()?;
         let backing = config.backing.clone();
-        Self::with_sources(config, |name| source(&backing, name))
+        Self::with_sources(config, |name| backing.source(name))
     }
 
     /// An empty buffer whose records lie where a function says: "frames", "goals", "field-1" and so on.

@@ -1,13 +1,8 @@
-//! The room of a buffer's records: where they lie, which are free, and who leaves when there are too many.
+//! The room of a buffer's records: which places are free, and who leaves when there are too many.
 
-use std::sync::Arc;
-
-use crate::buffer::config::Backing;
 use crate::buffer::episode::Episode;
 use crate::buffer::episodes::EpisodeBuffer;
-use crate::storage::memory::scratch_file;
-use crate::storage::slab::Source;
-use vhs_base::error::{Error, Result};
+use vhs_base::error::Result;
 use vhs_base::fork;
 
 impl EpisodeBuffer {
@@ -106,34 +101,5 @@ impl EpisodeBuffer {
             self.achieved.put(slot, achieved)?;
         }
         Ok(slot)
-    }
-}
-
-/// Where records of this name lie: fields in scratch files beside that of the frames, goals in memory.
-pub(super) fn source(backing: &Backing, name: &str) -> Result<Source> {
-    let mut path = match (backing, name) {
-        (Backing::Packed, "frames") => return Ok(Source::Packed),
-        (Backing::Memory | Backing::Packed, _) | (Backing::Scratch(_), "goals") => {
-            return Ok(Source::Memory);
-        }
-        (Backing::Scratch(path), _) => path.clone(),
-        (Backing::Kept(folder), _) => {
-            return Err(Error::Argument {
-                field: "backing",
-                expected: "a buffer that stays to be made by `keep` or `reopen`".into(),
-                got: folder.display().to_string(),
-            });
-        }
-    };
-    if name != "frames" {
-        path.as_mut_os_string().push(format!(".{name}"));
-    }
-    match scratch_file(&path) {
-        Ok(file) => Ok(Source::File(Arc::new(file))),
-        Err(source) => Err(Error::Io {
-            path,
-            call: "create",
-            source,
-        }),
     }
 }
