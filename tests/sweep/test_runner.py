@@ -17,7 +17,8 @@ from vhs.cli import main
 from vhs.errors import CheckpointError, ConfigError, OutputError
 from vhs.runs.lock import hold
 from vhs.sweep.display import SweepDisplay
-from vhs.sweep.runner import share_cores, sweep
+from vhs.sweep.local import share_cores
+from vhs.sweep.runner import sweep
 
 ROOT = Path(__file__).parents[2]
 STAND_IN = Path(__file__).parent / "stand_in_package"

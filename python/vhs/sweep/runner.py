@@ -1,4 +1,4 @@
-"""Runs a sweep: every run as a process of its own on cores of its own, `vhs train` and then `vhs eval`.
+"""Runs a sweep: every run as a job of its own on cores of its own, `vhs train` and then `vhs eval`.
 
 Nothing about progress is kept but the runs themselves: a sweep that starts again looks at each and does what
 is left.
@@ -6,9 +6,6 @@ is left.
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
 import sys
 import time
 from collections import deque
@@ -25,8 +22,9 @@ from vhs.interrupt import StopRequest, stop_on_signal
 from vhs.runs.directory import LOCK_NAME, check_run
 from vhs.runs.files import writing
 from vhs.runs.lock import hold
-from vhs.sweep import launch
 from vhs.sweep.display import SweepDisplay, describe_result
+from vhs.sweep.local import LocalPlace, available_cores
+from vhs.sweep.place import Job, Place
 from vhs.sweep.plan import EvalSection, PlannedRun, evaluation, plan_runs, read_sweep
 from vhs.sweep.state import Stage, newest_row, next_stage
 
@@ -61,10 +59,10 @@ def sweep(
         CheckpointError: a directory holds another configuration's run; nothing was started.
         OutputError: `out` cannot be written, or another sweep is at work in it.
     """
-    slots = share_cores(_available_cores(), jobs)
+    place = LocalPlace(available_cores(), jobs)
     content = read_sweep(path, overrides)
     workers = sys.platform.startswith("linux")
-    runs = plan_runs(path, content, len(slots[0]) if workers else 1)
+    runs = plan_runs(path, content, place.cores_per_run if workers else 1)
     for run in runs:
         check_runnable(run.config)
         check_run(run.config, out / run.name)
@@ -74,7 +72,8 @@ def sweep(
         SweepDisplay(len(runs), output) as display,
         stop_on_signal() as stop,
     ):
-        status = _Sweep(runs, content.eval, out, slots, lock, display).run(stop)
+        place.settle(out, lock)
+        status = _Sweep(runs, content.eval, out, place, display).run(stop)
         if status == 0:
             for task in sorted({run.config.task_name for run in runs}):
                 display.say(f"compare them:  vhs compare {out / task}-*")
@@ -96,52 +95,36 @@ def _hold(out: Path, output: Output) -> AbstractContextManager[int]:
     )
 
 
-def share_cores(cores: Sequence[int], jobs: int | None) -> list[tuple[int, ...]]:
-    """Disjoint shares of the cores, all of the same size: runs of one sweep must be comparable in minutes.
-
-    Raises:
-        ConfigError: more jobs than cores.
-    """
-    count = len(cores) if jobs is None else jobs
-    if count > len(cores):
-        raise ConfigError(f"--jobs: expected at most {len(cores)}, the cores that there are, found {count}")
-    size = len(cores) // count
-    return [tuple(cores[index * size : (index + 1) * size]) for index in range(count)]
-
-
 @dataclass(slots=True)
 class _Active:
-    """A run with a process."""
+    """A run with a job."""
 
     run: PlannedRun
     stage: Stage
-    slot: tuple[int, ...]
-    process: subprocess.Popen[bytes]
+    job: Job
 
 
 class _Sweep:
-    """The runs that wait, those that have a process, and the cores that are free."""
+    """The runs that wait, and those that have a job."""
 
     def __init__(
         self,
         runs: Sequence[PlannedRun],
         evaluation: EvalSection,
         out: Path,
-        slots: Sequence[tuple[int, ...]],
-        lock: int,
+        place: Place,
         display: SweepDisplay,
     ) -> None:
         self._waiting = deque(runs)
         self._evaluation = evaluation
         self._out = out
-        self._free = list(reversed(slots))
-        self._lock = lock
+        self._place = place
         self._display = display
         self._active: list[_Active] = []
         self._failed = 0
 
     def run(self, stop: StopRequest) -> int:
-        """Until nothing waits and nothing runs, or until a signal; no process is left in any case."""
+        """Until nothing waits and nothing runs, or until a signal; no job is left in any case."""
         try:
             shown = time.monotonic()
             while (self._waiting or self._active) and not stop.is_set:
@@ -161,59 +144,43 @@ class _Sweep:
 
     def _fill(self) -> None:
         """Give free cores to waiting runs; what is finished or cannot go on needs none."""
-        while self._waiting and self._free:
+        while self._waiting and self._place.has_room:
             run = self._waiting.popleft()
             stage = self._next_stage(run)
             if stage == "finished":
                 self._display.end(run, f"finished before: {self._result(run)}")
             elif stage is not None:
                 self._display.begin(run, self._out / run.name)
-                self._start(run, stage, self._free.pop())
+                self._start(run, stage)
 
-    def _start(self, run: PlannedRun, stage: Stage, slot: tuple[int, ...]) -> None:
+    def _start(self, run: PlannedRun, stage: Stage) -> None:
         directory = self._out / run.name
         is_trained = stage != "train"
         arguments = evaluation(directory, self._evaluation) if is_trained else run.training(directory)
-        cores = ",".join(map(str, slot))
         try:
-            with self._log_path(run).open("ab") as log:
-                process = subprocess.Popen(
-                    [sys.executable, "-IS", launch.__file__, str(os.getpid()), cores, *arguments],
-                    stdin=subprocess.DEVNULL,
-                    stdout=log,
-                    stderr=subprocess.STDOUT,
-                    env=os.environ | {"OMP_NUM_THREADS": "1"},
-                    pass_fds=(self._lock,),
-                    # Ctrl-C goes to a whole process group; a run that got it from the terminal and from here
-                    # would take the second one as an order to end at once.
-                    process_group=0,
-                )
+            job = self._place.start(arguments, self._log_path(run))
         except OSError as error:
-            self._free.append(slot)
             self._fail(run, f"cannot start: {error.strerror}")
             return
-        self._active.append(_Active(run, stage, slot, process))
+        self._active.append(_Active(run, stage, job))
 
     def _reap(self) -> None:
-        """Take leave of processes that ended: on to the evaluation, or free the cores."""
-        ended = [active for active in self._active if active.process.poll() is not None]
-        for active in ended:
-            self._active.remove(active)
-            stage = self._stage_after(active)
-            if stage == "eval":
-                self._start(active.run, stage, active.slot)
+        """Take leave of jobs that ended: on to the evaluation, on the same cores, or to another run."""
+        for active in list(self._active):
+            why = active.job.poll()
+            if why is None:
                 continue
-            self._free.append(active.slot)
-            if stage == "finished":
+            self._active.remove(active)
+            stage = self._stage_after(active, why)
+            if stage == "eval":
+                self._start(active.run, stage)
+            elif stage == "finished":
                 self._display.end(active.run, self._result(active.run))
 
-    def _stage_after(self, active: _Active) -> Stage | None:
-        """What follows a process; None where it failed, which is then said."""
-        status = active.process.returncode
-        if status != 0:
-            self._fail(
-                active.run, _killed_by(-status) if status < 0 else _last_line(self._log_path(active.run))
-            )
+    def _stage_after(self, active: _Active, why: str) -> Stage | None:
+        """What follows a job; None where it failed, which is then said."""
+        if why:
+            self._fail(active.run, why)
             return None
         stage = self._next_stage(active.run)
         if stage == active.stage:
@@ -236,50 +203,30 @@ class _Sweep:
         """Ask every run to save and end, and wait for them."""
         self._display.say(f"{signal_name}: {len(self._active)} runs save and end; the same command resumes")
         for active in self._active:
-            active.process.send_signal(signal.SIGTERM)
+            active.job.stop()
         for active in self._active:
             # A second Ctrl-C raises here, and `run` asks a second time, which ends what is left at once.
-            active.process.wait()
+            while active.job.poll() is None:
+                time.sleep(_POLL_S)
             row = newest_row(self._out / active.run.name)
             episodes = row["episodes"] if row else 0
             self._display.say(f"{active.run.name}: stopped at episode {episodes:,}")
 
     def _end(self) -> None:
-        """Leave no process: those that an error of the sweep itself left may save, as after a signal."""
+        """Leave no job: those that an error of the sweep itself left may save, as after a signal."""
         deadline = time.monotonic() + _PATIENCE_S
+        left = [active.job for active in self._active if active.job.poll() is None]
         try:
-            for active in self._active:
-                active.process.terminate()
-            for active in self._active:
-                active.process.wait(max(deadline - time.monotonic(), 0.0))
-        except subprocess.TimeoutExpired:
-            pass
+            for job in left:
+                job.stop()
+            while any(job.poll() is None for job in left) and time.monotonic() < deadline:
+                time.sleep(_POLL_S)
         finally:
-            for active in self._active:
-                active.process.kill()
-                active.process.wait()
+            for job in left:
+                job.kill()
 
     def _result(self, run: PlannedRun) -> str:
         return describe_result(self._out / run.name, self._evaluation)
 
     def _log_path(self, run: PlannedRun) -> Path:
         return self._out / "logs" / f"{run.name}.txt"
-
-
-def _available_cores() -> list[int]:
-    """Cores that this process may use, where the system says so."""
-    if sys.platform.startswith("linux"):
-        return sorted(os.sched_getaffinity(0))
-    return list(range(os.cpu_count() or 1))
-
-
-def _killed_by(number: int) -> str:
-    return f"killed by signal {number} ({signal.strsignal(number)})"
-
-
-def _last_line(path: Path) -> str:
-    try:
-        lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
-    except OSError as error:
-        return f"its output cannot be read: {error.strerror}"
-    return next((line.strip() for line in reversed(lines) if line.strip()), "no word")
