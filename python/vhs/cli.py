@@ -147,6 +147,11 @@ def _add_sweep(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--jobs", type=_positive, metavar="N", help="runs side by side (default: one a core)")
     parser.add_argument(
+        "--ray",
+        metavar="ADDRESS",
+        help="run on a Ray cluster: auto, host:port, or local for one on this machine",
+    )
+    parser.add_argument(
         "--set",
         action="append",
         default=[],
@@ -361,7 +366,7 @@ def _sweep(options: argparse.Namespace) -> int:
             options.say(line)
         return 0
     # A second Ctrl-C, or one while nothing runs, ends the runs, which resume from their checkpoints.
-    return sweep(options.file, out, options.jobs, overrides=options.set)
+    return sweep(options.file, out, options.jobs, overrides=options.set, ray=options.ray)
 
 
 def _compare(options: argparse.Namespace) -> int:

@@ -22,10 +22,11 @@ from vhs.interrupt import StopRequest, stop_on_signal
 from vhs.runs.directory import LOCK_NAME, check_run
 from vhs.runs.files import writing
 from vhs.runs.lock import hold
+from vhs.sweep.cluster import RayPlace
 from vhs.sweep.display import SweepDisplay, describe_result
 from vhs.sweep.local import LocalPlace, available_cores
 from vhs.sweep.place import Job, Place
-from vhs.sweep.plan import EvalSection, PlannedRun, evaluation, plan_runs, read_sweep
+from vhs.sweep.plan import EvalSection, PlannedRun, Sweep, evaluation, plan_runs, read_sweep
 from vhs.sweep.state import Stage, newest_row, next_stage
 
 _POLL_S = 0.2
@@ -41,6 +42,7 @@ def sweep(
     stream: TextIO | None = None,
     *,
     overrides: Sequence[str] = (),
+    ray: str | None = None,
 ) -> int:
     """Train and evaluate every run of a sweep file that is not finished yet.
 
@@ -50,6 +52,7 @@ def sweep(
         jobs: runs side by side, each on an equal share of the cores; None takes one core a run.
         stream: where a person reads along; standard output by default.
         overrides: ``key=value``, over the keys that the file sets and under those of its grids.
+        ray: address of a Ray cluster whose cores are taken, as `ray.init` has it; None takes this machine's.
 
     Returns:
         0 when all runs are finished, 1 when some failed, 130 when a signal stopped the sweep.
@@ -59,14 +62,20 @@ def sweep(
         CheckpointError: a directory holds another configuration's run; nothing was started.
         OutputError: `out` cannot be written, or another sweep is at work in it.
     """
-    place = LocalPlace(available_cores(), jobs)
     content = read_sweep(path, overrides)
+    place = LocalPlace(available_cores(), jobs) if ray is None else RayPlace(ray, jobs)
+    try:
+        return _sweep(path, content, out, place, Output(stream))
+    finally:
+        place.leave()
+
+
+def _sweep(path: Path, content: Sweep, out: Path, place: Place, output: Output) -> int:
     workers = sys.platform.startswith("linux")
     runs = plan_runs(path, content, place.cores_per_run if workers else 1)
     for run in runs:
         check_runnable(run.config)
         check_run(run.config, out / run.name)
-    output = Output(stream)
     with (
         _hold(out, output) as lock,
         SweepDisplay(len(runs), output) as display,

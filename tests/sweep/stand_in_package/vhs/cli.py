@@ -1,7 +1,8 @@
 """A `vhs` for the runs of a sweep that does nothing in no time, and keeps a journal of what it was asked for.
 
 `STAND_IN_S` is how long a training takes, `STAND_IN_FAILS` a piece of the name of a run whose training fails,
-`STAND_IN_DIES` one of a run that is killed.
+`STAND_IN_DIES` one of a run that is killed. A file `stand_in.json` beside the directory of the sweep says so
+to stand-ins whose environment is another machine's.
 """
 
 import itertools
@@ -15,7 +16,7 @@ from pathlib import Path
 
 def note(event: str, **more: object) -> None:
     entry = {"event": event, "time": time.monotonic(), "pid": os.getpid(), "run": RUN.name, **more}
-    with Path(os.environ["STAND_IN_JOURNAL"]).open("a") as file:
+    with Path(SETTINGS["STAND_IN_JOURNAL"]).open("a") as file:
         file.write(json.dumps(entry) + "\n")
 
 
@@ -53,15 +54,16 @@ def train() -> None:
     given = [value for flag, value in itertools.pairwise(sys.argv) if flag == "--set"]
     settings = dict(value.split("=", 1) for value in given)
     configure(settings)
-    note("train", cores=sorted(os.sched_getaffinity(0)), omp=os.environ["OMP_NUM_THREADS"])
-    if os.environ.get("STAND_IN_FAILS", "nothing") in RUN.name:
+    cores = sorted(os.sched_getaffinity(0))
+    note("train", cores=cores, omp=os.environ["OMP_NUM_THREADS"], parent=os.getppid())
+    if SETTINGS.get("STAND_IN_FAILS", "nothing") in RUN.name:
         print("training\nvhs: the roof fell in\n")
         note("end")
         sys.exit(1)
-    if os.environ.get("STAND_IN_DIES", "nothing") in RUN.name:
+    if SETTINGS.get("STAND_IN_DIES", "nothing") in RUN.name:
         print("12.3 min  500 episodes", flush=True)
         os.kill(os.getpid(), signal.SIGKILL)
-    time.sleep(float(os.environ["STAND_IN_S"]))
+    time.sleep(float(SETTINGS["STAND_IN_S"]))
     save(int(settings["train.episodes"]))
     note("end")
 
@@ -81,4 +83,6 @@ def evaluate() -> None:
 
 
 RUN = Path(sys.argv[sys.argv.index("--out") + 1] if sys.argv[1] == "train" else sys.argv[2])
+TOLD = RUN.parents[1] / "stand_in.json"
+SETTINGS = os.environ | (json.loads(TOLD.read_text()) if TOLD.exists() else {})
 train() if sys.argv[1] == "train" else evaluate()
