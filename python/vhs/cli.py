@@ -74,7 +74,7 @@ def _parser() -> argparse.ArgumentParser:
         commands.add_parser("export", help="write a trained agent to a directory small enough to ship")
     )
     _add_push(commands.add_parser("push", help="push a trained agent to the Hugging Face Hub, with a card"))
-    _add_sweep(commands.add_parser("sweep", help="train and evaluate a grid of configurations and seeds"))
+    _add_sweep(commands.add_parser("sweep", help="train and evaluate a grid of configurations, or search"))
     _add_compare(commands.add_parser("compare", help="compare trained agents over their seeds"))
     _add_play(commands.add_parser("play", help="watch a trained agent, or drive the robot"))
     _add_report(commands.add_parser("report", help="write a page about a run, or about several"))
@@ -140,7 +140,7 @@ def _add_sweep(parser: argparse.ArgumentParser) -> None:
         "file",
         type=find_sweep,
         metavar="FILE",
-        help="YAML sweep file, or one of ours by name: quick, paper (see docs/guides/comparing.md)",
+        help="YAML sweep file, or one of ours by name: quick, paper, search (see docs/guides/sweeps.md)",
     )
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="directory of the runs (default: runs/NAME-OF-FILE)"
@@ -357,13 +357,16 @@ def _push(options: argparse.Namespace) -> int:
 
 
 def _sweep(options: argparse.Namespace) -> int:
-    from vhs.sweep.plan import list_commands
+    from vhs.sweep.listing import list_commands
     from vhs.sweep.runner import sweep
 
     out = options.out or Path("runs") / options.file.stem
     if options.list:
-        for line in list_commands(options.file, out, options.set):
+        lines, left_out = list_commands(options.file, out, options.set)
+        for line in lines:
             options.say(line)
+        if left_out:
+            options.warn(left_out)
         return 0
     # A second Ctrl-C, or one while nothing runs, ends the runs, which resume from their checkpoints.
     return sweep(options.file, out, options.jobs, overrides=options.set, ray=options.ray)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from vhs.config import load_config
 from vhs.config.yaml12 import dump_yaml, parse_yaml
 from vhs.errors import ConfigError
-from vhs.sweep.plan import read_sweep
+from vhs.sweep.file import read_sweep
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,8 @@ import pytest
 from vhs.cli import _parser, main
 from vhs.config import load_config
 from vhs.errors import ConfigError
-from vhs.sweep.plan import PlannedRun, plan_runs, read_sweep
+from vhs.sweep.file import read_sweep
+from vhs.sweep.plan import PlannedRun, plan_runs
 
 SWEEPS = Path(__file__).parents[2] / "configs" / "sweeps"
 METHODS = {"a3c", "gdan", "gcsl", "pg", "vhs"}

@@ -273,7 +273,8 @@ def test_a_judge_that_never_says_success_is_doubted(tmp_path: Path) -> None:
 
 
 def test_a_sweep_finds_the_file_from_where_it_lies(tmp_path: Path) -> None:
-    from vhs.sweep.plan import plan_runs, read_sweep
+    from vhs.sweep.file import read_sweep
+    from vhs.sweep.plan import plan_runs
 
     path = tmp_path / "sweep.yaml"
     path.write_text("set: {task: mine.py}\ngrids: [{grid: {task: [other.py, task1]}}, {}]\n")

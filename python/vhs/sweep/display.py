@@ -8,7 +8,8 @@ from types import TracebackType
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from vhs.console import Output, make_console
-from vhs.sweep.plan import EvalSection, PlannedRun
+from vhs.sweep.file import EvalSection
+from vhs.sweep.plan import PlannedRun
 from vhs.sweep.state import find_evaluation, newest_row
 
 

@@ -8,26 +8,27 @@ from __future__ import annotations
 
 import sys
 import time
-from collections import deque
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TextIO
 
-from vhs.acting.setup import check_runnable
 from vhs.console import Output
 from vhs.errors import ConfigError, VhsError
 from vhs.interrupt import StopRequest, stop_on_signal
-from vhs.runs.directory import LOCK_NAME, check_run
+from vhs.runs.directory import LOCK_NAME
 from vhs.runs.files import writing
 from vhs.runs.lock import hold
 from vhs.sweep.cluster import RayPlace
 from vhs.sweep.display import SweepDisplay, describe_result
+from vhs.sweep.file import EvalSection, Sweep, read_sweep
 from vhs.sweep.local import LocalPlace, available_cores
 from vhs.sweep.place import Job, Place
-from vhs.sweep.plan import EvalSection, PlannedRun, Sweep, evaluation, plan_runs, read_sweep
-from vhs.sweep.state import Stage, newest_row, next_stage
+from vhs.sweep.plan import PlannedRun, evaluation
+from vhs.sweep.runs import Grids, Runs
+from vhs.sweep.search import Search
+from vhs.sweep.state import Stage, find_evaluation, newest_row, next_stage
 
 _POLL_S = 0.2
 _DISPLAY_S = 2.0
@@ -71,21 +72,22 @@ def sweep(
 
 
 def _sweep(path: Path, content: Sweep, out: Path, place: Place, output: Output) -> int:
-    workers = sys.platform.startswith("linux")
-    runs = plan_runs(path, content, place.cores_per_run if workers else 1)
-    for run in runs:
-        check_runnable(run.config)
-        check_run(run.config, out / run.name)
+    cores = place.cores_per_run if sys.platform.startswith("linux") else 1
+    runs: Runs
+    if content.search is None:
+        runs = Grids(path, content, out, cores)
+    else:
+        runs = Search(path, content, content.search, out, cores)
     with (
         _hold(out, output) as lock,
-        SweepDisplay(len(runs), output) as display,
+        SweepDisplay(runs.total, output) as display,
         stop_on_signal() as stop,
     ):
         place.settle(out, lock)
+        runs.begin()
         status = _Sweep(runs, content.eval, out, place, display).run(stop)
-        if status == 0:
-            for task in sorted({run.config.task_name for run in runs}):
-                display.say(f"compare them:  vhs compare {out / task}-*")
+        for line in runs.conclude() if status == 0 else ():
+            display.say(line)
         return status
 
 
@@ -118,13 +120,14 @@ class _Sweep:
 
     def __init__(
         self,
-        runs: Sequence[PlannedRun],
+        runs: Runs,
         evaluation: EvalSection,
         out: Path,
         place: Place,
         display: SweepDisplay,
     ) -> None:
-        self._waiting = deque(runs)
+        self._runs = runs
+        self._is_exhausted = False
         self._evaluation = evaluation
         self._out = out
         self._place = place
@@ -136,8 +139,10 @@ class _Sweep:
         """Until nothing waits and nothing runs, or until a signal; no job is left in any case."""
         try:
             shown = time.monotonic()
-            while (self._waiting or self._active) and not stop.is_set:
+            while not stop.is_set:
                 self._fill()
+                if self._is_exhausted and not self._active:
+                    break
                 time.sleep(_POLL_S)
                 self._reap()
                 if time.monotonic() - shown > _DISPLAY_S:
@@ -153,11 +158,20 @@ class _Sweep:
 
     def _fill(self) -> None:
         """Give free cores to waiting runs; what is finished or cannot go on needs none."""
-        while self._waiting and self._place.has_room:
-            run = self._waiting.popleft()
+        self._is_exhausted = False
+        while self._place.has_room and not self._is_exhausted:
+            try:
+                run = self._runs.next()
+            except VhsError as error:
+                self._failed += 1
+                self._display.say(f"failed: {error}")
+                continue
+            if run is None:
+                self._is_exhausted = True
+                continue
             stage = self._next_stage(run)
             if stage == "finished":
-                self._display.end(run, f"finished before: {self._result(run)}")
+                self._finish(run, "finished before: ")
             elif stage is not None:
                 self._display.begin(run, self._out / run.name)
                 self._start(run, stage)
@@ -184,7 +198,7 @@ class _Sweep:
             if stage == "eval":
                 self._start(active.run, stage)
             elif stage == "finished":
-                self._display.end(active.run, self._result(active.run))
+                self._finish(active.run)
 
     def _stage_after(self, active: _Active, why: str) -> Stage | None:
         """What follows a job; None where it failed, which is then said."""
@@ -203,6 +217,15 @@ class _Sweep:
         except VhsError as error:
             self._fail(run, str(error))
             return None
+
+    def _finish(self, run: PlannedRun, when: str = "") -> None:
+        directory = self._out / run.name
+        try:
+            self._runs.finish(run, find_evaluation(directory, self._evaluation) or {})
+        except VhsError as error:
+            self._fail(run, str(error))
+        else:
+            self._display.end(run, f"{when}{describe_result(directory, self._evaluation)}")
 
     def _fail(self, run: PlannedRun, why: str) -> None:
         self._failed += 1
@@ -233,9 +256,6 @@ class _Sweep:
         finally:
             for job in left:
                 job.kill()
-
-    def _result(self, run: PlannedRun) -> str:
-        return describe_result(self._out / run.name, self._evaluation)
 
     def _log_path(self, run: PlannedRun) -> Path:
         return self._out / "logs" / f"{run.name}.txt"

@@ -9,7 +9,8 @@ from typing import Any, Literal
 from vhs.runs.checkpoint import newest_checkpoint
 from vhs.runs.evaluations import read_evaluations
 from vhs.runs.rows import read_log
-from vhs.sweep.plan import EvalSection, PlannedRun
+from vhs.sweep.file import EvalSection
+from vhs.sweep.plan import PlannedRun
 
 Stage = Literal["train", "eval", "finished"]
 

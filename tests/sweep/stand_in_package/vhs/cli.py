@@ -1,8 +1,8 @@
 """A `vhs` for the runs of a sweep that does nothing in no time, and keeps a journal of what it was asked for.
 
 `STAND_IN_S` is how long a training takes, `STAND_IN_FAILS` a piece of the name of a run whose training fails,
-`STAND_IN_DIES` one of a run that is killed. A file `stand_in.json` beside the directory of the sweep says so
-to stand-ins whose environment is another machine's.
+`STAND_IN_DIES` one of a run that is killed, `STAND_IN_BEST` a dotted key and the value that succeeds best.
+A file `stand_in.json` beside the directory of the sweep says so to those whose environment is another's.
 """
 
 import itertools
@@ -68,10 +68,18 @@ def train() -> None:
     note("end")
 
 
+def success() -> float:
+    key, _, best = SETTINGS.get("STAND_IN_BEST", "").partition("=")
+    if not key:
+        return 0.5
+    section, leaf = key.split(".")
+    return 1 - abs(float(best) - json.loads((RUN / "config.yaml").read_text())[section][leaf])
+
+
 def evaluate() -> None:
     note("eval", cores=sorted(os.sched_getaffinity(0)), omp=os.environ["OMP_NUM_THREADS"])
     trained = max(int(path.name.removeprefix("episode-")) for path in (RUN / "checkpoints").iterdir())
-    rates = {"success": 0.5, "failure": 0.25, "timeout": 0.25, "spl": 0.25}
+    rates = {"success": success(), "failure": 0.25, "timeout": 0.25, "spl": 0.25}
     asked = {
         "trained_episodes": trained,
         "seed": int(sys.argv[sys.argv.index("--seed") + 1]),
