@@ -18,6 +18,7 @@ from vhs import ArgumentError, Outcome, OutcomeReward, Seen, Task
 from vhs.acting.environment import TaskEnv
 from vhs.acting.setup import learn_spec
 from vhs.acting.trial import try_task, try_task_apart
+from vhs.envs.opengl import has_library
 from vhs.errors import ConfigError
 from vhs.task import default_outcome
 
@@ -202,3 +203,41 @@ def test_a_trial_ends_with_whoever_asked_for_it() -> None:
     while Path(f"/proc/{trial}").exists() and time.monotonic() < deadline:
         time.sleep(0.02)
     assert not Path(f"/proc/{trial}").exists()
+
+
+DRAWN = """
+import gymnasium, mujoco, torch
+from gymnasium.spaces import Box, Dict, Discrete
+from vhs import Task
+from vhs.acting.setup import learn_spec
+from vhs.config import resolve_config
+
+class Drawn(gymnasium.Env):
+    observation_space = Dict(image=Box(0, 255, (16, 16, 3), "uint8"), goal=Discrete(2))
+    action_space = Discrete(2)
+
+    def __init__(self):
+        model = mujoco.MjModel.from_xml_string("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>")
+        self.data, self.renderer = mujoco.MjData(model), mujoco.Renderer(model, 16, 16)
+
+    def reset(self, *, seed=None, options=None):
+        self.renderer.update_scene(self.data)
+        return {"image": self.renderer.render(), "goal": 0}, {}
+
+    def step(self, action):
+        return self.reset()[0], 0.0, False, False, {}
+
+learn_spec(resolve_config([{"env": {"num_workers": 0}}]), Task(make=Drawn, max_steps=2))
+torch.optim.Adam([torch.zeros(1, requires_grad=True)])
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not has_library("libEGL.so.1"), reason="needs libegl1")
+def test_an_environment_that_draws_with_opengl_leaves_the_learner_its_optimiser() -> None:
+    """Of torch, which loads triton with the first one: after Mesa that crashed the process."""
+    environ = os.environ | {"MUJOCO_GL": "egl"}
+    done = subprocess.run(
+        [sys.executable, "-c", DRAWN], capture_output=True, text=True, check=False, timeout=60, env=environ
+    )
+    assert done.returncode == 0, done.stderr

@@ -2,6 +2,7 @@
 
 import os
 import re
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -9,10 +10,19 @@ from debug import DEBUG
 
 from vhs.cli import _parser, main
 from vhs.config import load_config
+from vhs.envs.opengl import has_library
 from vhs.runs.rows import read_log
 
 ROOT = Path(__file__).parents[2]
 TASKS = sorted((ROOT / "examples" / "tasks").glob("*.py"))
+NEEDED = {
+    "babyai": "minigrid",
+    "crafter_fetch": "crafter",
+    "miniworld_sign": "miniworld",
+    "pointmaze": "gymnasium_robotics",
+    "vizdoom_fetch": "vizdoom",
+}
+"""What an example needs beside what trains."""
 
 
 def command(path: Path) -> list[str]:
@@ -35,6 +45,10 @@ def test_an_example_is_short_and_says_its_command(path: Path, monkeypatch: pytes
 @pytest.mark.parametrize("path", TASKS, ids=lambda path: path.stem)
 def test_an_example_trains(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By its own configuration, with networks and numbers of the debug configuration over them."""
+    if (needed := NEEDED.get(path.stem)) and find_spec(needed) is None:
+        pytest.skip(f"needs {needed}")
+    if needed == "miniworld" and not has_library("libEGL.so.1"):
+        pytest.skip("needs libegl1")
     monkeypatch.chdir(ROOT)
     few = ["train.episodes=16", "train.log_every=8", "env.num_envs=4"]
     few += ["method.supcon_batch=null", "train.schedule_episodes=8"]

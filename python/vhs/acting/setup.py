@@ -17,6 +17,7 @@ from vhs.buffer import make_buffer as buffer_of
 from vhs.config import Config, EnvSection
 from vhs.config.task import GIVEN, TaskSection, file_of
 from vhs.envs.find import task_in_file, task_in_module
+from vhs.envs.opengl import load_triton_first
 from vhs.envs.task import ROOMS, load_room
 from vhs.envs.words import task_of_words
 from vhs.errors import ConfigError
@@ -72,7 +73,10 @@ def learn_spec(config: Config, task: Task) -> TaskSpec:
     Raises:
         ArgumentError: a field of the task does not fit its environment; it is named.
     """
-    return try_task_apart(task, config.env.deadline_s) if _workers(config) else try_task(task)
+    if _workers(config):
+        return try_task_apart(task, config.env.deadline_s)
+    load_triton_first()  # the environment may open OpenGL, in the process that will make an optimiser
+    return try_task(task)
 
 
 def make_env(task: Task, spec: TaskSpec, *, rendering: bool = False) -> TaskEnv:
