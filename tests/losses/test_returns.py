@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 import torch
+from hypothesis import given
+from hypothesis import strategies as st
 
 from vhs import ShapeError, discounted_returns
 from vhs.losses import lambda_returns
@@ -17,6 +19,31 @@ def test_by_hand() -> None:
     # Row 1 ends after two steps: R_1 = 1; R_0 = 8 + .5 (.75 * 10 + .25 * 1).
     found = lambda_returns(REWARDS, VALUES, VALID, gamma=0.5, mixing=0.25)
     expected = torch.tensor([[10.6875, 17.5, 4.0], [11.875, 1.0, 0.0]])
+    torch.testing.assert_close(found, expected)
+
+
+@given(
+    st.integers(1, 4),
+    st.integers(1, 12),
+    st.sampled_from([0.0, 0.5, 0.99, 1.0]),
+    st.sampled_from([0.0, 0.3, 0.95, 1.0]),
+    st.integers(0, 99),
+)
+def test_they_are_those_of_the_recursion(
+    episodes: int, steps: int, gamma: float, mixing: float, seed: int
+) -> None:
+    draw = np.random.default_rng(seed)
+    rewards, values = torch.from_numpy(draw.normal(size=(2, episodes, steps)))
+    beyond = torch.from_numpy(draw.normal(size=episodes))
+    lengths = draw.integers(1, steps + 1, episodes)
+    valid = torch.from_numpy((np.arange(steps) < lengths[:, None]).astype(np.float64))
+    found = lambda_returns(rewards, values, valid, gamma, mixing, beyond)
+    expected = torch.zeros_like(rewards)
+    for row, length in enumerate(lengths.tolist()):
+        value = following = beyond[row]
+        for step in reversed(range(length)):
+            following = rewards[row, step] + gamma * ((1 - mixing) * value + mixing * following)
+            expected[row, step], value = following, values[row, step]
     torch.testing.assert_close(found, expected)
 
 

@@ -88,6 +88,18 @@ def test_folded_convolutions_follow_every_change_of_weights_and_statistics(
         )
 
 
+def test_acting_follows_statistics_that_move_without_the_weights(extractor: FeatureExtractor) -> None:
+    observations = images(4)
+    found = []
+    for seed in range(2):
+        extractor.eval()
+        with torch.inference_mode():
+            found.append(extractor(observations))
+        extractor.train()
+        extractor(images(8, seed))
+    assert not torch.allclose(*found, atol=1e-2)
+
+
 def test_bfloat16_stays_near_float32(extractor: FeatureExtractor) -> None:
     extractor.train()
     observations = images(16)

@@ -44,10 +44,11 @@ def lambda_returns(
         # V and R after the last step are the same, so it counts as if it were paid.
         is_last = valid - torch.cat([valid[:, 1:], torch.zeros_like(valid[:, :1])], 1)
         rewards = rewards + gamma * beyond.detach().unsqueeze(1) * is_last
-    found = torch.zeros_like(values)
-    following = next_value = values.new_zeros(len(values))
-    for step in reversed(range(values.shape[1])):
-        following = rewards[:, step] + gamma * ((1 - mixing) * next_value + mixing * following)
-        found[:, step] = following
-        next_value = values[:, step]
-    return found
+    none = torch.zeros_like(values[:, :1])
+    trusted = (1 - mixing) * torch.cat([values[:, 1:], none], 1)
+    following, found = none[:, 0], [none[:, :0]]
+    # Four kernels a step; a product with powers of gamma lambda is one, and rounds otherwise.
+    for reward, value in zip(reversed(rewards.unbind(1)), reversed(trusted.unbind(1)), strict=True):
+        following = reward + gamma * (value + mixing * following)
+        found.append(following.unsqueeze(1))
+    return torch.cat(found[::-1], 1)

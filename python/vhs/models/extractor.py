@@ -12,7 +12,7 @@ from contextlib import nullcontext
 
 import torch
 from torch import Tensor, nn
-from torch.nn.functional import conv2d, layer_norm
+from torch.nn.functional import conv2d, layer_norm, linear
 
 from vhs._core import ShapeError
 
@@ -70,7 +70,7 @@ class FeatureExtractor(Extractor):
         self.convolutions = nn.Sequential(*layers).to(memory_format=torch.channels_last)
         self.project = nn.Linear(inputs * height * width, feature_dim)
         self._folded: list[tuple[Tensor, Tensor]] = []
-        self._folded_versions: list[int] = []
+        self._folded_versions: tuple[torch.dtype, list[int]] | None = None
 
     def forward(self, observations: Tensor, dtype: torch.dtype = torch.float32) -> Tensor:
         """Embed observations.
@@ -86,10 +86,15 @@ class FeatureExtractor(Extractor):
         Raises:
             ShapeError: the observations do not have the shape that the extractor was built for.
         """
-        planes = self._planes(observations).to(dtype).sub_(128)
-        with torch.autocast(observations.device.type, dtype=torch.bfloat16, enabled=dtype == torch.bfloat16):
-            maps = self.convolutions(planes) if self.training else self._convolve_folded(planes)
-            features: Tensor = self.project(maps.flatten(1))
+        # The same byte, read as signed, is 128 less once its first bit is turned.
+        planes = (self._planes(observations) ^ 128).view(torch.int8).to(dtype)
+        features: Tensor
+        if self.training:
+            is_cast = dtype == torch.bfloat16
+            with torch.autocast(observations.device.type, dtype=torch.bfloat16, enabled=is_cast):
+                features = self.project(self.convolutions(planes).flatten(1))
+        else:
+            features = self._act(planes)
         return layer_norm(features.float(), features.shape[1:])
 
     def _planes(self, observations: Tensor) -> Tensor:
@@ -104,20 +109,31 @@ class FeatureExtractor(Extractor):
             )
         return observations.permute(0, 3, 1, 2)
 
-    def _convolve_folded(self, planes: Tensor) -> Tensor:
-        """The convolutions with running statistics, each batch norm multiplied into the weights before it.
+    def _act(self, planes: Tensor) -> Tensor:
+        """All layers with running statistics, each batch norm multiplied into the weights before it.
 
         Acting embeds a frame for every step, and a batch norm pass costs as much as a third of its
-        convolution. The products are kept until a weight or a statistic changes.
+        convolution. The products, in the type of `planes`, are kept until a weight or a statistic changes.
         """
-        state = [*self.convolutions.parameters(), *self.convolutions.buffers()]
-        versions = [tensor._version for tensor in state]
+        versions = (planes.dtype, [tensor._version for tensor in self._state()])
         if versions != self._folded_versions or torch.is_grad_enabled():
-            self._folded = [_fold(*pair) for pair in self._layers()]
+            last = self.project.weight, self.project.bias
+            folded = [*(_fold(*pair) for pair in self._layers()), last]
+            self._folded = [(weight.to(planes.dtype), bias.to(planes.dtype)) for weight, bias in folded]
             self._folded_versions = versions
-        for weight, bias in self._folded:
+        for weight, bias in self._folded[:-1]:
             planes = conv2d(planes, weight, bias, stride=2, padding=1).relu_()
-        return planes
+        return linear(planes.flatten(1), *self._folded[-1])
+
+    def _state(self) -> list[Tensor]:
+        """What `_act` is made of; asked for at every step, where a walk over all modules would show."""
+        state = [self.project.weight, self.project.bias]
+        for convolution, norm in self._layers():
+            # The count tells that a batch has moved the statistics, which is written past their versions.
+            moved = norm.running_mean, norm.running_var, norm.num_batches_tracked
+            state += [convolution.weight, norm.weight, norm.bias]
+            state += [one for one in moved if one is not None]
+        return state
 
     def _layers(self) -> list[tuple[nn.Conv2d, nn.BatchNorm2d]]:
         """Every convolution with the batch norm behind it."""
