@@ -11,11 +11,15 @@ import pytest
 from stand_in import STAND_IN, Journal
 
 from vhs.cli import main
+from vhs.config import dump_config
 from vhs.distribution import find_sweep
 from vhs.errors import CheckpointError, ConfigError
+from vhs.runs.files import write_files
 from vhs.sweep.file import read_sweep
+from vhs.sweep.plan import PlannedRun
 from vhs.sweep.runner import sweep
-from vhs.sweep.search import STUDY_NAME, Search
+from vhs.sweep.search import Search
+from vhs.sweep.study import STUDY_NAME
 
 optuna = pytest.importorskip("optuna", reason="needs vhs-rl[optuna]")
 
@@ -131,6 +135,68 @@ search:
     study = search._study
     assert {trial.value for trial in study.trials} == {0.125, 0.625}
     assert search.conclude()[0].startswith("best of 9 trials: success 62.5% in ")
+
+
+PRUNED = """
+set: {train.episodes: 8, train.log_every: 2}
+search:
+  trials: 8
+  pruner: median
+  keys:
+    method.relabel_probability: {low: 0, high: 1}
+"""
+
+
+def test_a_training_that_is_below_the_median_of_five_is_hopeless(tmp_path: Path) -> None:
+    search = search_of(tmp_path, PRUNED)
+    search.begin()
+
+    def log(success: list[float]) -> PlannedRun:
+        run = search.next()
+        assert run is not None
+        rows = ({"episodes": 2 * (row + 1), "rate/success": rate} for row, rate in enumerate(success))
+        text = "".join(json.dumps(row) + "\n" for row in rows)
+        files = {"config.yaml": dump_config(run.config), "run.json": "{}", "log.jsonl": text}
+        write_files(tmp_path / "out" / run.name, files)
+        return run
+
+    for rate in (0.1, 0.2, 0.3, 0.4, 0.5):
+        run = log([rate, rate, rate, rate])
+        assert not search.is_hopeless(run)
+        search.finish(run, {"success": rate})
+    better, worse = log([0.35, 0.1]), log([0.25, 0.9])
+    assert not search.is_hopeless(better)
+    assert search.is_hopeless(worse), "by its first row, whatever the second says"
+    again = search_of(tmp_path, PRUNED)
+    again.begin()
+    assert [again.next(), again.next()] == [better, worse]
+    assert again.is_hopeless(worse)
+    again.abandon(worse)
+    again.finish(better, {"success": 0.35})
+    states = [trial.state.name for trial in again._study.trials]
+    assert states == [*["COMPLETE"] * 6, "PRUNED"]
+    assert again.conclude()[0].startswith("best of 7 trials: success 50.0% in ")
+    assert len(again.runs_so_far()[1]) == 6
+    with pytest.raises(ConfigError, match=r"search\.pruner: expected one seed, found 2"):
+        search_of(tmp_path, "seeds: [0, 1]" + PRUNED)
+
+
+@pytest.mark.slow
+@needs_linux
+def test_a_hopeless_run_saves_and_is_not_evaluated_nor_run_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONPATH", str(STAND_IN))
+    monkeypatch.setenv("STAND_IN_JOURNAL", str(tmp_path / "journal"))
+    monkeypatch.setenv("STAND_IN_S", "60")
+    journal = Journal(tmp_path / "journal")
+    monkeypatch.setattr(Search, "is_hopeless", lambda search, run: journal.of("train") == [run.name])
+    path, told = write(tmp_path, PRUNED.replace("trials: 8", "trials: 1")), StringIO()
+    assert sweep(path, tmp_path / "out", 1, told) == 0
+    assert told.getvalue().splitlines()[0].endswith("-seed0: ended early, at episode 0")
+    assert [entry["event"] for entry in journal.entries] == ["train", "stopped", "end"]
+    assert sweep(path, tmp_path / "out", 1, told) == 0
+    assert len(journal.of("train")) == 1
 
 
 def test_a_combination_that_is_no_configuration_is_told_and_the_next_trial_follows(tmp_path: Path) -> None:

@@ -1,1 +1,1 @@
-"""Sweeps: a grid of configurations times seeds, trained and evaluated on the cores there are."""
+"""Sweeps: grids of configurations times seeds, or a search, trained and evaluated on the cores there are."""

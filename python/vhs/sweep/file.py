@@ -107,6 +107,9 @@ class SearchSection(_Section):
     """`tpe` learns from the trials before, `random` does not."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Of the sampler."""
+    pruner: Literal["median"] | None = None
+    """`median` ends a training whose best rate of success so far is below the median that others had after as
+    many rows of the log, once a quarter of it is done and five trials have ended; null ends none."""
 
 
 class Sweep(_Section):
@@ -126,6 +129,8 @@ class Sweep(_Section):
     def _grids_or_search(self) -> Sweep:
         if self.grids and self.search:
             raise ValueError("search: expected none beside `grids`, found both")
+        if self.search and self.search.pruner and len(self.seeds) > 1:
+            raise ValueError(f"search.pruner: expected one seed, found {len(self.seeds)}")
         if not self.grids and not self.search:
             raise ValueError("grids: expected at least one, or a `search` in their place, found nothing")
         return self

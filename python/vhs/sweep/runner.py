@@ -113,6 +113,8 @@ class _Active:
     run: PlannedRun
     stage: Stage
     job: Job
+    is_hopeless: bool = False
+    """Whether it was told to end early."""
 
 
 class _Sweep:
@@ -147,14 +149,24 @@ class _Sweep:
                 self._reap()
                 if time.monotonic() - shown > _DISPLAY_S:
                     shown = time.monotonic()
-                    for active in self._active:
-                        self._display.advance(active.run, self._out / active.run.name)
+                    self._look()
             if stop.is_set:
                 self._stop(stop.signal_name)
                 return 130
         finally:
             self._end()
         return 1 if self._failed else 0
+
+    def _look(self) -> None:
+        """Show how far the runs are, and end those that are not worth their end."""
+        for active in self._active:
+            self._display.advance(active.run, self._out / active.run.name)
+            if not active.is_hopeless and self._is_hopeless(active):
+                active.is_hopeless = True
+                active.job.stop()
+
+    def _is_hopeless(self, active: _Active) -> bool:
+        return active.stage == "train" and self._runs.is_hopeless(active.run)
 
     def _fill(self) -> None:
         """Give free cores to waiting runs; what is finished or cannot go on needs none."""
@@ -194,6 +206,10 @@ class _Sweep:
             if why is None:
                 continue
             self._active.remove(active)
+            if self._is_hopeless(active):
+                self._runs.abandon(active.run)
+                self._display.end(active.run, f"ended early, at {self._progress(active.run)}")
+                continue
             stage = self._stage_after(active, why)
             if stage == "eval":
                 self._start(active.run, stage)
@@ -235,14 +251,13 @@ class _Sweep:
         """Ask every run to save and end, and wait for them."""
         self._display.say(f"{signal_name}: {len(self._active)} runs save and end; the same command resumes")
         for active in self._active:
-            active.job.stop()
+            if not active.is_hopeless:  # which was told before
+                active.job.stop()
         for active in self._active:
             # A second Ctrl-C raises here, and `run` asks a second time, which ends what is left at once.
             while active.job.poll() is None:
                 time.sleep(_POLL_S)
-            row = newest_row(self._out / active.run.name)
-            episodes = row["episodes"] if row else 0
-            self._display.say(f"{active.run.name}: stopped at episode {episodes:,}")
+            self._display.say(f"{active.run.name}: stopped at {self._progress(active.run)}")
 
     def _end(self) -> None:
         """Leave no job: those that an error of the sweep itself left may save, as after a signal."""
@@ -256,6 +271,10 @@ class _Sweep:
         finally:
             for job in left:
                 job.kill()
+
+    def _progress(self, run: PlannedRun) -> str:
+        row = newest_row(self._out / run.name)
+        return f"episode {row['episodes'] if row else 0:,}"
 
     def _log_path(self, run: PlannedRun) -> Path:
         return self._out / "logs" / f"{run.name}.txt"

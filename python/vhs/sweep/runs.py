@@ -42,6 +42,12 @@ class Runs(Protocol):
             ConfigError: it was not, as the sweep asks for it.
         """
 
+    def is_hopeless(self, run: PlannedRun) -> bool:
+        """Whether the training of a run is not worth its end, by its log so far."""
+
+    def abandon(self, run: PlannedRun) -> None:
+        """Hear that a hopeless run has ended."""
+
     def conclude(self) -> list[str]:
         """What to say when all are finished."""
 
@@ -76,6 +82,13 @@ class Grids:
 
     def finish(self, run: PlannedRun, found: Mapping[str, Any]) -> None:
         """Nothing depends on it."""
+
+    def is_hopeless(self, run: PlannedRun) -> bool:
+        """Every run is wanted."""
+        return False
+
+    def abandon(self, run: PlannedRun) -> None:
+        """None is."""
 
     def conclude(self) -> list[str]:
         """How to compare them, a line a task."""

@@ -7,7 +7,6 @@ stopped goes on as if it had not been. A trial whose run failed or was stopped s
 
 from __future__ import annotations
 
-import json
 from collections import deque
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,20 +16,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vhs.config.variants import flat_config
-from vhs.config.yaml12 import dump_yaml
 from vhs.distribution import pip_install
-from vhs.errors import CheckpointError, ConfigError, OutputError
+from vhs.errors import ConfigError
 from vhs.runs.directory import fixed_settings
-from vhs.runs.files import writing
-from vhs.sweep.file import Range, SearchSection, Sweep
+from vhs.sweep.file import SearchSection, Sweep
 from vhs.sweep.plan import PlannedRun, Planner
 from vhs.sweep.runs import check
+from vhs.sweep.study import STUDY_NAME, Space, Watched, load_study, open_study
 
 if TYPE_CHECKING:
-    from optuna import Study
+    from optuna import Trial
 
-STUDY_NAME = "study.journal"
-_STUDY = "sweep"
 _WHERE = "search"
 
 
@@ -65,22 +61,29 @@ class Search:
         self._planner = Planner(path, sweep, cores_per_run)
         corners = self._corners()
         self._spaces = {
-            key: _Space(optuna, key, range_, [flat_config(run.config).get(key) for run in corners])
+            key: Space(range_, [flat_config(run.config).get(key) for run in corners])
             for key, range_ in section.keys.items()
         }
         self._made_with = {
             **fixed_settings(corners[0].config),
             "train.episodes": corners[0].config.train.episodes,
-            **{f"search.{name}": value for name, value in section.model_dump(exclude={"trials"}).items()},
-            "seeds": sweep.seeds,
+            **{
+                f"search.{name}": value
+                for name, value in section.model_dump(mode="json", exclude={"trials"}).items()
+            },
+            "seeds": list(sweep.seeds),
             **{f"eval.{name}": value for name, value in sweep.eval.model_dump().items()},
         }
+        train = corners[0].config.train
+        self._warmup_rows = train.episodes // train.log_every // 4
         self._waiting: deque[PlannedRun] = deque()
         self._names: dict[int, list[str]] = {}
         """Of the runs of every open trial."""
         self._found: dict[str, float] = {}
         self._known: set[str] = set()
         """Names of the runs that were handed out: two trials may try the same."""
+        self._watched: dict[str, Watched] = {}
+        """Open trials that a pruner may end, by the name of their run."""
 
     def _corners(self) -> list[PlannedRun]:
         """Runs in which every key has each end of its range, or each choice, once."""
@@ -95,11 +98,13 @@ class Search:
 
     def begin(self) -> None:
         """Open the study; its open trials come first."""
-        self._study = self._open(is_new=_mend(self._out / STUDY_NAME))
+        self._study = open_study(self._out, self._made_with)
+        self._study.pruner = self._optuna.pruners.MedianPruner(n_warmup_steps=self._warmup_rows)
         for trial in self._study.get_trials(deepcopy=False):
             if not trial.state.is_finished():
                 if trial.params.keys() == self._spaces.keys():
-                    self._take(trial.number, trial.params)
+                    # Optuna makes a trial of its own again, to report to, by this name of it alone.
+                    self._take(self._optuna.trial.Trial(self._study, trial._trial_id))
                 else:  # a kill came before it was told what to try
                     self._study.tell(trial.number, state=self._optuna.trial.TrialState.FAIL)
 
@@ -109,7 +114,7 @@ class Search:
         while not self._waiting and count < self._section.trials:
             self._study.sampler = self._sampler(count)
             trial = self._study.ask({key: space.distribution for key, space in self._spaces.items()})
-            self._take(trial.number, trial.params)
+            self._take(trial)
             count += 1
         return self._waiting.popleft() if self._waiting else None
 
@@ -119,8 +124,22 @@ class Search:
         if value is None:
             wanted = self._section.maximise
             raise ConfigError(f"{self._path}: search.maximise: the task measures no {wanted}")
+        if self.is_hopeless(run):  # what its last rows say counts as if it had been seen in time
+            self.abandon(run)
         self._found[run.name] = value
         self._tell()
+
+    def is_hopeless(self, run: PlannedRun) -> bool:
+        """Report the new rows of its log to the pruner, if there is one, until it says so."""
+        watched = self._watched.get(run.name)
+        return watched is not None and watched.look(self._out / run.name)
+
+    def abandon(self, run: PlannedRun) -> None:
+        """Its trials were pruned."""
+        for number, names in list(self._names.items()):
+            if run.name in names:
+                del self._names[number]
+                self._study.tell(number, state=self._optuna.trial.TrialState.PRUNED)
 
     def conclude(self) -> list[str]:
         """The best trial."""
@@ -139,18 +158,21 @@ class Search:
         """How many trials the study has, and their runs; nothing is changed."""
         if not (self._out / STUDY_NAME).exists():
             return 0, []
-        trials = self._open().get_trials(deepcopy=False)
-        runs = [run for trial in trials if trial.params for run in self._plan(trial.params)]
+        trials = load_study(self._out, self._made_with).get_trials(deepcopy=False)
+        is_over = {self._optuna.trial.TrialState.FAIL, self._optuna.trial.TrialState.PRUNED}
+        wanted = [trial for trial in trials if trial.params and trial.state not in is_over]
+        runs = [run for trial in wanted for run in self._plan(trial.params)]
         return len(trials), list({run.name: run for run in runs}.values())
 
     def _plan(self, params: Mapping[str, Any]) -> list[PlannedRun]:
         keys = {key: self._spaces[key].value(suggested) for key, suggested in params.items()}
         return [self._planner.plan(_WHERE, keys, seed) for seed in self._seeds]
 
-    def _take(self, number: int, params: Mapping[str, Any]) -> None:
+    def _take(self, trial: Trial) -> None:
         """Queue the runs of a trial; one that cannot be has failed for good."""
+        number = trial.number
         try:
-            runs = self._plan(params)
+            runs = self._plan(trial.params)
             for run in runs:
                 check(run, self._out)
         except ConfigError:
@@ -159,6 +181,8 @@ class Search:
         self._names[number] = [run.name for run in runs]
         self._waiting += [run for run in runs if run.name not in self._known]
         self._known |= set(self._names[number])
+        if self._section.pruner is not None:
+            self._watched[runs[0].name] = Watched(trial)
         self._tell()
 
     def _tell(self) -> None:
@@ -175,93 +199,3 @@ class Search:
         return {"tpe": samplers.TPESampler, "random": samplers.RandomSampler}[self._section.sampler](
             seed=seed
         )
-
-    def _open(self, *, is_new: bool = False) -> Study:
-        """The study on the disk.
-
-        Raises:
-            CheckpointError: it is damaged, or that of another search.
-            OutputError: it cannot be read or written.
-        """
-        from optuna.storages.journal import JournalFileBackend
-
-        path = self._out / STUDY_NAME
-        made_with = json.loads(json.dumps(self._made_with, default=str))
-        try:
-            storage = self._optuna.storages.JournalStorage(JournalFileBackend(str(path)))
-            study: Study
-            if is_new:
-                study = self._optuna.create_study(storage=storage, study_name=_STUDY, direction="maximize")
-                study.set_user_attr("made_with", made_with)
-            else:
-                study = self._optuna.load_study(storage=storage, study_name=_STUDY)
-            found = study.user_attrs["made_with"]
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be used: {error.strerror or error}") from error
-        except (ValueError, KeyError, TypeError) as error:
-            raise CheckpointError(f"{path}: expected a study of Optuna, found {error}") from error
-        changed = sorted(
-            key for key in found.keys() | made_with.keys() if found.get(key) != made_with.get(key)
-        )
-        if changed:
-            raise CheckpointError(
-                f"{path}: holds a search with other values of {', '.join(changed)}; give another --out, "
-                "or the sweep file it was made with"
-            )
-        return study
-
-
-class _Space:
-    """The values of one key, as Optuna and as a configuration have them."""
-
-    def __init__(self, optuna: Any, key: str, range_: Range, seen: list[Any]) -> None:
-        """Take a range of whole numbers where the configuration made whole numbers of its ends.
-
-        Args:
-            optuna: the package.
-            key: dotted.
-            range_: what the file says.
-            seen: values of the key in configurations that have its ends.
-        """
-        self._range = range_
-        distributions = optuna.distributions
-        self._choices: dict[str, Any] = {}
-        low, high = range_.low, range_.high
-        if range_.choices is not None:
-            # Optuna keeps no lists; of a choice it needs the name alone.
-            self._choices = {dump_yaml(value, on_one_line=True): value for value in range_.choices}
-            self.distribution = distributions.CategoricalDistribution(list(self._choices))
-        elif isinstance(low, int) and isinstance(high, int) and not any(isinstance(v, float) for v in seen):
-            self.distribution = distributions.IntDistribution(low, high, log=range_.log)
-        else:
-            self.distribution = distributions.FloatDistribution(low, high, log=range_.log)
-
-    def value(self, suggested: Any) -> Any:
-        """What a configuration takes for a suggestion; numbers are cut to four digits, fit for a name."""
-        if self._choices:
-            return self._choices[suggested]
-        if isinstance(suggested, float):
-            low, high = self._range.low, self._range.high
-            assert low is not None
-            assert high is not None
-            return min(max(float(f"{suggested:.4g}"), low), high)
-        return suggested
-
-
-def _mend(journal: Path) -> bool:
-    """Take away what a kill left: a line that was not written to its end, and Optuna's own lock.
-
-    Returns:
-        Whether there is no study: none was begun, or a kill came before it was told what it is for.
-    """
-    journal.with_name(f"{journal.name}.lock").unlink(missing_ok=True)
-    with writing(journal):
-        content = journal.read_bytes() if journal.exists() else b""
-        lines = content[: content.rfind(b"\n") + 1]
-        if lines.count(b"\n") < 2:
-            journal.unlink(missing_ok=True)
-            return True
-        if lines != content:
-            with journal.open("r+b") as file:
-                file.truncate(len(lines))
-    return False

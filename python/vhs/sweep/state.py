@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -35,5 +35,10 @@ def find_evaluation(directory: Path, evaluation: EvalSection) -> Mapping[str, An
 
 def newest_row(directory: Path) -> Mapping[str, Any] | None:
     """The last row of a run's log that can be read; None where there is none."""
-    rows = read_log(directory, on_damage=lambda error: None)
+    rows = rows_so_far(directory)
     return rows[-1] if rows else None
+
+
+def rows_so_far(directory: Path) -> Sequence[Mapping[str, Any]]:
+    """The rows of a run's log that can be read."""
+    return read_log(directory, on_damage=lambda error: None)
