@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from vhs import __version__
 from vhs.errors import ConfigError
 from vhs.sweep.cluster import RayPlace
 from vhs.sweep.node import Site, work
@@ -50,3 +51,9 @@ def test_a_node_names_a_directory_in_which_it_cannot_stand(tmp_path: Path) -> No
     missing = Site(tmp_path / "project", tmp_path / ".lock", "token").what_is_missing()
     assert f"expected to see {tmp_path / 'project'}, on a file system" in missing
     assert Site(tmp_path, tmp_path / ".lock", "token").what_is_missing() == ""
+
+
+def test_a_node_with_another_version_says_so(tmp_path: Path) -> None:
+    (tmp_path / ".lock").write_text("token")
+    missing = Site(tmp_path, tmp_path / ".lock", "token", version="0.0.1").what_is_missing()
+    assert missing == f"node {socket.gethostname()}: expected vhs 0.0.1, found {__version__}"

@@ -37,6 +37,7 @@ def cluster() -> Iterator[Any]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", str(STAND_IN))
+        patch.setenv("STAND_IN_VERSION", vhs.__version__)
         patch.setenv("STAND_IN_REST", str(Path(vhs.__file__).parent))
         cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False})
         yield cluster
@@ -87,6 +88,16 @@ def test_a_sweep_runs_on_a_cluster_and_is_not_repeated(
     before = len(journal.entries)
     assert run_sweep(tmp_path, cluster)[0] == 0
     assert len(journal.entries) == before
+
+
+def test_the_trials_of_a_search_run_on_a_cluster(cluster: Any, tmp_path: Path, journal: Journal) -> None:
+    pytest.importorskip("optuna", reason="needs vhs-rl[optuna]")
+    keys = "{method.relabel_probability: {low: 0, high: 1}}"
+    (tmp_path / "sweep.yaml").write_text(f"set: {{train.episodes: 4}}\nsearch: {{trials: 3, keys: {keys}}}")
+    status, lines = run_sweep(tmp_path, cluster)
+    assert status == 0, lines
+    assert len(set(journal.of("eval"))) == 3
+    assert lines[3].startswith("best of 3 trials: success 50.0% in ")
 
 
 def test_a_failed_run_is_told_and_the_others_go_on(cluster: Any, tmp_path: Path, journal: Journal) -> None:

@@ -293,6 +293,10 @@ def test_the_runs_of_a_search_are_ordinary_runs_and_a_failed_one_is_tried_again(
             ("low: 0, high: 1", "low: 0, high: 2"),
             r"search: method\.relabel_probability: expected .*, found 2",
         ),
+        (
+            ("method.relabel_probability: {low: 0, high: 1}", "env.renderer: {choices: [raster, mujoko]}"),
+            "mujoko",
+        ),
         (("relabel_probability", "relabel_probabilty"), r"search: unknown key .* did you mean `method\."),
         (("train.learning_rate", "seed"), "seed: expected another key, seeds stand in `seeds`"),
         (("seed: 3", "sampler: best"), r"search\.sampler: expected 'tpe' or 'random', found 'best'"),

@@ -10,6 +10,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from vhs import __version__
 from vhs.interrupt import stop_on_signal
 from vhs.sweep.process import explain_end, start_process
 
@@ -18,7 +19,7 @@ _POLL_S = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """What a node must see to work on a sweep: the same file system as whoever started it."""
+    """What a node must have to work on a sweep: the file system and the version of whoever started it."""
 
     directory: Path
     """Where the sweep was started: its files are named from there."""
@@ -26,9 +27,13 @@ class Site:
     """A file in the directory of the runs."""
     token: str
     """What stands in it: a directory of the same name on the node's own disk has another one, or none."""
+    version: str = __version__
 
     def what_is_missing(self) -> str:
         """A sentence about this node; empty where nothing is."""
+        node = f"node {socket.gethostname()}"
+        if self.version != __version__:
+            return f"{node}: expected vhs {self.version}, found {__version__}"
         try:
             found = self.mark.read_text(encoding="utf-8")
         except OSError:
@@ -37,8 +42,7 @@ class Site:
             return ""
         unseen = self.directory if found == self.token else self.mark.parent
         return (
-            f"node {socket.gethostname()}: expected to see {unseen}, on a file system that all nodes share, "
-            "found none there or another"
+            f"{node}: expected to see {unseen}, on a file system that all nodes share, found none or another"
         )
 
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vhs.acting.setup import check_runnable
 from vhs.config.variants import flat_config
 from vhs.distribution import pip_install
 from vhs.errors import ConfigError
@@ -60,6 +61,11 @@ class Search:
         self._out = out
         self._planner = Planner(path, sweep, cores_per_run)
         corners = self._corners()
+        try:
+            for run in corners:
+                check_runnable(run.config)
+        except ConfigError as error:
+            raise ConfigError(f"{path}: {_WHERE}: {error}") from error
         self._spaces = {
             key: Space(range_, [flat_config(run.config).get(key) for run in corners])
             for key, range_ in section.keys.items()
@@ -149,8 +155,10 @@ class Search:
             return []
         runs = self._plan(best.params)
         where = " ".join(str(self._out / run.name) for run in runs)
+        wanted = self._section.maximise
+        value = f"{best.value:.1%}" if wanted == "success" else f"{best.value:.3f}"
         return [
-            f"best of {len(self._study.trials)} trials: {self._section.maximise} {best.value:.1%} in {where}",
+            f"best of {len(self._study.trials)} trials: {wanted} {value} in {where}",
             f"compare them:  vhs compare {self._out}",
         ]
 
