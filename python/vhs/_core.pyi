@@ -578,6 +578,37 @@ class EpisodeBuffer:
             LabelError: For an unknown stream.
         """
 
+    def collect(
+        self,
+        buffer: EpisodeBuffer,
+        ids: ArrayLike,
+        *,
+        steps: ArrayLike | None = None,
+        stream: int = 0,
+    ) -> NDArray[np.int64]:
+        """Copy finished episodes of another buffer: to keep what is worth it out of what streams by.
+
+        The oldest episodes here leave where room is needed. An episode that is cut keeps its outcome and
+        counts as cut off.
+
+        Args:
+            buffer: Another one, of the same kind of frames, goals, fields and actions.
+            ids: int64 [B], of its finished episodes; one that comes twice is copied twice.
+            steps: int64 [B], how many of each episode's first steps to copy, at least 1; None: all.
+            stream: Through which they are written; it must be between episodes.
+
+        Returns:
+            Their ids here, int64 [B], in the same order.
+
+        Raises:
+            ArgumentError: For a buffer of another kind, this buffer itself, or steps that an episode lacks;
+                nothing is copied.
+            EpisodeError: When an id was evicted or never existed; nothing is copied.
+            ProtocolError: When the stream has an open episode, or an episode is longer than one here may be;
+                nothing is copied.
+            OutOfMemoryError, OSError: When this buffer cannot grow; the episodes before are there.
+        """
+
     def observe(self, streams: ArrayLike | None = None, *, out: NDArray[Any] | None = None) -> NDArray[Any]:
         """The newest stacked observation of each stream, for acting.
 
@@ -609,20 +640,41 @@ class EpisodeBuffer:
         """
 
     def gather(
-        self, ids: ArrayLike, *, padded: bool = False, out: NDArray[Any] | None = None
+        self,
+        ids: ArrayLike,
+        *,
+        also: tuple[EpisodeBuffer, ArrayLike] | None = None,
+        padded: bool = False,
+        out: NDArray[Any] | None = None,
     ) -> EpisodeBatch:
         """Copy finished episodes into a batch.
 
         Args:
             ids: int64 [B], at least one; an id may come more than once.
+            also: Another buffer of the same kind and ids of its episodes, which follow in the batch: what was
+                kept behind what has just ended.
             padded: True: observations are [B, T + 1, ...], zeros after an episode's end, instead of packed.
             out: [at least N, *observation_shape]; the batch's observations become a view of its
                 first N rows (N is B * (T + 1) where padded).
 
         Raises:
             EpisodeError: When an id was evicted or never existed.
-            ArgumentError: For no id.
+            ArgumentError: For no id, and for a buffer of another kind or this one as `also`.
             ShapeError, DtypeError, LayoutError: For an `out` that does not fit.
+        """
+
+    def sample_ids(self, n: int) -> NDArray[np.int64]:
+        """Draw ids of finished episodes, uniformly and with replacement; `gather` has what lies under them.
+
+        Args:
+            n: Ids to draw, at least 1.
+
+        Returns:
+            int64 [n].
+
+        Raises:
+            EmptyError: When no finished episode is stored.
+            ArgumentError: For n = 0.
         """
 
     def sample_episodes(

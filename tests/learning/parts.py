@@ -2,12 +2,14 @@
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from vhs import EpisodeBatch, EpisodeBuffer, GoalStore, Outcome, Prototypes, Rng
 from vhs.config import load_config
 from vhs.learning.goals import Goals, PrototypeGoals
 from vhs.learning.learner import Learner
+from vhs.learning.replay import Replay
 from vhs.models import Categorical, FeatureExtractor, GoalAgent
 
 FRAME = (16, 16, 3)
@@ -15,7 +17,7 @@ GOALS, INTERACTIONS, DIM = 3, 2, 8
 SUCCESS_REWARD = 9.99
 
 
-def small_learner(*overrides: str) -> Learner:
+def small_learner(*overrides: str, replay: Replay | None = None) -> Learner:
     config = load_config(
         [],
         [
@@ -48,6 +50,7 @@ def small_learner(*overrides: str) -> Learner:
         success_reward=SUCCESS_REWARD,
         dtype=torch.float32,
         rng=Rng(0),
+        replay=replay,
     )
 
 
@@ -58,19 +61,29 @@ def fill_store(goals: Goals, per_class: int = 5) -> None:
             goals.store.push(rng.integers(0, 256, goals.store.observation_shape, dtype=np.uint8), label)
 
 
-def make_batch(outcomes: list[Outcome], last_action: int = 4) -> EpisodeBatch:
-    """Random episodes of growing length; each ends with `last_action`."""
-    rng = np.random.default_rng(3)
-    buffer = EpisodeBuffer(
+def make_buffer(capacity_steps: int = 400) -> EpisodeBuffer:
+    """An empty one."""
+    return EpisodeBuffer(
         FRAME,
         num_streams=1,
         max_episode_steps=20,
-        capacity_steps=400,
+        capacity_steps=capacity_steps,
         frame_stack=2,
         stacking="channels",
         num_goals=GOALS,
         interactions={3 + number: number for number in range(INTERACTIONS)},
     )
+
+
+def make_batch(outcomes: list[Outcome], last_action: int = 4) -> EpisodeBatch:
+    """Random episodes of growing length; each ends with `last_action`."""
+    buffer = make_buffer()
+    return buffer.gather(play(buffer, outcomes, last_action))
+
+
+def play(buffer: EpisodeBuffer, outcomes: list[Outcome], last_action: int = 4) -> NDArray[np.int64]:
+    """Random episodes of growing length; each ends with `last_action`. Their ids."""
+    rng = np.random.default_rng(3)
     ids = []
     for episode, outcome in enumerate(outcomes):
         buffer.begin(0, rng.integers(0, 256, FRAME, dtype=np.uint8), episode % GOALS, 0)
@@ -80,7 +93,7 @@ def make_batch(outcomes: list[Outcome], last_action: int = 4) -> EpisodeBatch:
             reward, value = float(rng.normal()), float(rng.normal())
             buffer.append(0, action, reward, value, rng.integers(0, 256, FRAME, dtype=np.uint8))
         ids.append(buffer.finish(0, outcome))
-    return buffer.gather(np.array(ids, dtype=np.int64))
+    return np.array(ids, dtype=np.int64)
 
 
 def goals_for(batch: EpisodeBatch, dim: int = DIM) -> Tensor:

@@ -31,7 +31,7 @@ TERMS = {
     "gdan": RL | {"discriminator"},
     "gcsl": {"imitation_policy", "supcon", "grad_norm", "relabelled"},
     "pg": RL | {"supcon"},
-    "vhs": RL | {"supcon", "imitation_policy", "imitation_value", "relabelled"},
+    "vhs": RL | {"supcon", "imitation_policy", "imitation_value", "replay", "relabelled"},
 }
 OUTCOMES = [Outcome.SUCCESS, Outcome.FAILURE, Outcome.TIMEOUT, Outcome.FAILURE]
 

@@ -20,6 +20,7 @@ from vhs.learning.methods import METHODS, Embedding, Method, check_method, settl
 
 Probability = Annotated[float, Field(ge=0.0, le=1.0)]
 PositiveInt = Annotated[int, Field(ge=1)]
+NonNegativeInt = Annotated[int, Field(ge=0)]
 NonNegativeFloat = Annotated[float, Field(ge=0.0)]
 PositiveFloat = Annotated[float, Field(gt=0.0)]
 Degrees = Annotated[float, Field(ge=0.0, le=180.0)]
@@ -46,8 +47,9 @@ _ENTROPY = Of(("entropy",))
 _SUPCON = Of(("supcon",))
 _GOAL_IMAGES = Of(("supcon", "discriminator"))
 _PROTOTYPE = Of(("prototype",))
-_IMITATION = Of(("imitation_policy", "imitation_value"))
+_IMITATION = Of(("imitation_policy", "imitation_value", "replay"))
 _IMITATION_VALUE = Of(("imitation_value",))
+_REPLAY = Of(("replay",))
 _DISCRIMINATOR = Of(("discriminator",))
 _LOCALISE = Of(("localise",))
 
@@ -143,7 +145,12 @@ class MethodSection(_Section):
     """Weight of an imitated action for each step between it and the end of its episode (paper: 1); below 1
     the approach to the goal counts more than the wandering before it."""
     vhs_weight: Annotated[NonNegativeFloat, _IMITATION] = 1.0
-    """Weight of the self-imitation loss (paper: beta, no number given)."""
+    """Weight of the self-imitation loss, of kept episodes too (paper: beta, no number given)."""
+    replay_ratio: Annotated[NonNegativeInt, _REPLAY] = 2
+    """Kept episodes that are imitated again for each that an update learns from (the paper has none)."""
+    replay_capacity: Annotated[PositiveInt, _REPLAY] = 5_000
+    """Steps kept, in each process, of episodes that reached something, for one episode at least; the oldest
+    leave first."""
     hindsight_goal: Annotated[Literal["feature", "prototype"], _IMITATION] = "prototype"
     """Goal of a relabelled episode: `feature` is f(o_T) (paper); `prototype` the class prototype nearest to
     f(o_T) in angle, which is what the policy is asked for when acting."""
@@ -334,7 +341,7 @@ def unread_keys(parts: frozenset[str]) -> Iterator[tuple[str, Of]]:
 GONE = frozenset({"train.learners"})
 """Keys that a whole configuration of an earlier version may still have, and that nothing reads any more."""
 
-BEFORE: dict[str, Any] = {"method.localisation_weight": 0.0}
+BEFORE: dict[str, Any] = {"method.localisation_weight": 0.0, "method.replay_ratio": 0}
 """What a key had been before it existed: a whole configuration that lacks it was saved then."""
 
 

@@ -25,6 +25,7 @@ from vhs.errors import DivergenceError
 from vhs.learning.goals import GoalImages, Goals
 from vhs.learning.merging import Terms, average_gradients
 from vhs.learning.reckoning import Reckoning
+from vhs.learning.replay import Replay
 from vhs.learning.terms import TERMS, Episodes, Forward, Images, Over, Reached, Term
 from vhs.models import GoalAgent, to_device, to_numpy
 from vhs.world import ALONE, World
@@ -37,10 +38,19 @@ class Share(NamedTuple):
     """What this rank learns from in an update."""
 
     batch: EpisodeBatch
+    """B episodes that have just ended, and behind them R that are replayed."""
     goals: Tensor
-    """The goal embedding each episode was acted under, shape [B, feature_dim]."""
+    """The goal embedding each that has just ended was acted under, shape [B, feature_dim]."""
     hindsight: Hindsight
+    """What of all B + R reached, if it reached anything."""
+    imitated: NDArray[np.int64]
+    """Which of the batch are imitated under that, those that are replayed last."""
     images: GoalImages | None
+
+    @property
+    def num_ended(self) -> int:
+        """B."""
+        return len(self.goals)
 
 
 class Learned(NamedTuple):
@@ -64,6 +74,18 @@ class _Pass(NamedTuple):
     """What observations have beside their frames, [B, T, beside_dim]."""
 
 
+def reached_after(batch: EpisodeBatch, touched: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Steps until each of the first episodes of a batch reached something, 0 where nothing was reached.
+
+    Args:
+        batch: the episodes.
+        touched: steps until they last touched something, as their task says, int64 [B]. What failed has
+            reached something at its end, said or not.
+    """
+    outcomes, lengths = batch.outcomes[: len(touched)], batch.lengths[: len(touched)]
+    return np.where((outcomes == Outcome.FAILURE) & (touched == 0), lengths, touched)
+
+
 class Learner:
     """Agent, goals and optimiser: what an update changes.
 
@@ -82,6 +104,7 @@ class Learner:
         dtype: torch.dtype,
         rng: Rng,
         reckoning: Reckoning | None = None,
+        replay: Replay | None = None,
         world: World = ALONE,
     ) -> None:
         """Join the parts.
@@ -95,10 +118,12 @@ class Learner:
             dtype: type in which the convolutions multiply.
             rng: the source of the relabelling decisions.
             reckoning: says where what was reached had been; without it the terms on that are left out.
+            replay: keeps episodes to be imitated again; without it the terms on them are left out.
             world: the ranks that take each step together.
         """
         self.agent = agent
         self.goals = goals
+        self.replay = replay
         self.optimiser = torch.optim.Adam(
             agent.parameters(), lr=train.learning_rate, amsgrad=True, fused=True
         )
@@ -113,7 +138,11 @@ class Learner:
         # Without classes there is nothing to tell images of goals apart by.
         lacking = {
             over
-            for over, is_there in (("reached", reckoning is not None), ("images", goals.has_classes))
+            for over, is_there in (
+                ("reached", reckoning is not None),
+                ("replayed", replay is not None),
+                ("images", goals.has_classes),
+            )
             if not is_there
         }
         terms = {name: TERMS[name] for name in method.row.terms}
@@ -139,10 +168,11 @@ class Learner:
         """Learn from finished episodes: this rank's share of them.
 
         Args:
-            batch: the episodes, as many on every rank.
-            goals: the goal embedding each was acted under, of shape [B, feature_dim]; goal words are looked
-                up anew, so that they learn.
-            touched: steps until each episode last reached something, int64 [B]; None: only their ends reach
+            batch: B episodes that have just ended, as many on every rank, and behind them any number that are
+                replayed: imitated under what they reached at their ends.
+            goals: the goal embedding each of the B was acted under, of shape [B, feature_dim]; goal words
+                are looked up anew, so that they learn.
+            touched: steps until each of the B last reached something, int64 [B]; None: only their ends reach
                 anything.
             along: what is to be summed over the ranks in the same message.
 
@@ -154,10 +184,11 @@ class Learner:
             DivergenceError: a loss is not finite; the weights are as before.
             PeerError: another rank is gone.
         """
-        share = Share(batch, goals, self._relabel(batch, touched), self._images())
+        share = Share(batch, goals, *self._relabel(batch, len(goals), touched), self._images())
         learned = self._learn(share)
         if "relabelled" in self._over:
-            learned.terms["relabelled"] = torch.tensor(share.hindsight.selected.mean(dtype=np.float32))
+            num_relabelled = (share.imitated < share.num_ended).sum()
+            learned.terms["relabelled"] = torch.tensor(np.float32(num_relabelled / share.num_ended))
         terms = Terms([*self._terms, "relabelled"], learned.terms, self._device)
         sums = self.goals.summed(share.images, learned.image_features) if self._world.size > 1 else None
         if sums is not None:
@@ -192,14 +223,21 @@ class Learner:
         done = min(self.updates * train.episodes_per_update / train.schedule_episodes, 1.0)
         return float(start + (end - start) * done)
 
-    def _relabel(self, batch: EpisodeBatch, touched: NDArray[np.int64] | None) -> Hindsight:
+    def _relabel(
+        self, batch: EpisodeBatch, num_ended: int, touched: NDArray[np.int64] | None
+    ) -> tuple[Hindsight, NDArray[np.int64]]:
+        """What each episode reached, and which are imitated: by chance, and all that are replayed."""
         method, ends = self._method, None
         probability = method.relabel_probability if "relabelled" in self._over else 0.0
         if touched is not None:
-            # What failed has reached something at its end, said or not.
-            has_failed = batch.outcomes == Outcome.FAILURE
-            ends = np.where(has_failed & (touched == 0), batch.lengths, touched)
-        return relabel(batch, on=method.relabel_on, probability=probability, rng=self.rng, ends=ends)
+            ends = batch.lengths.copy()
+            ends[:num_ended] = reached_after(batch, touched)
+        chosen = relabel(batch, on=method.relabel_on, probability=probability, rng=self.rng, ends=ends)
+        (imitated,) = np.nonzero(chosen.selected[:num_ended])
+        if len(batch.lengths) == num_ended:
+            return chosen, imitated
+        reached = relabel(batch, on=tuple(Outcome), probability=1.0, rng=0, ends=ends)
+        return reached, np.concatenate([imitated, np.arange(num_ended, len(batch.lengths))])
 
     def _images(self) -> GoalImages | None:
         return self.goals.batch() if "images" in self._over else None
@@ -222,7 +260,7 @@ class Learner:
         batch, parts = share.batch, [self._tensor(share.batch.observations)]
         if share.images is not None:
             parts.append(share.images.observations)
-        pictures = self.goals.pictures(batch, share.hindsight.goal_rows[share.hindsight.selected])
+        pictures = self.goals.pictures(batch, share.hindsight.goal_rows[share.imitated])
         if pictures is not None:
             parts.append(self._tensor(pictures))
         features = agent.extractor(torch.cat(parts) if len(parts) > 1 else parts[0], self.dtype)
@@ -237,7 +275,7 @@ class Learner:
         batch = share.batch
         length = batch.actions.shape[1]
         # What follows a step that a limit cut off is the critic's to say, and it reads one observation more.
-        is_cut = ~batch.terminated
+        is_cut = ~batch.terminated[: share.num_ended]
         steps = torch.arange(length + int(is_cut.any()), device=self._device)
         rows = (self._tensor(batch.offsets).unsqueeze(1) + steps).clamp(max=len(features) - 1)
         sequences = features[rows]
@@ -266,9 +304,20 @@ class Learner:
                 )
         images = None if share.images is None else Images(image_features, share.images.labels)
         reached = self._reached(batch, features, sequences[:, :length]) if "reached" in self._over else None
-        parts = (passed.get("lived"), passed.get("relabelled"), images, reached)
-        ends = share.hindsight.lengths
-        return Forward(agent, batch, ends, *parts, self._method, self._train, self._success_reward)
+        return Forward(
+            agent,
+            batch,
+            share.num_ended,
+            share.hindsight.lengths,
+            lived=passed.get("lived"),
+            relabelled=passed.get("relabelled"),
+            replayed=passed.get("replayed"),
+            images=images,
+            reached=reached,
+            method=self._method,
+            train=self._train,
+            success_reward=self._success_reward,
+        )
 
     def _beyond(self, batch: EpisodeBatch, rows: NDArray[np.int64], values: Tensor) -> Tensor:
         """V(o_T) of episodes that a limit cut off, 0 of the others; values as far as o_T, [B, T + 1]."""
@@ -285,23 +334,28 @@ class Learner:
         shown: Tensor,
     ) -> list[_Pass]:
         """What the LSTM has to run over, of features of each episode, shape [B, T, feature_dim]."""
-        batch, hindsight = share.batch, share.hindsight
+        batch, hindsight, count = share.batch, share.hindsight, share.num_ended
         passes = []
         if "lived" in self._over:
-            everything = np.arange(len(batch.lengths))
-            goals = self.goals.instructed(agent, batch, share.goals, shown)
-            inputs = sequences, goals, self._tensor(batch.interactions)
-            passes.append(_Pass("lived", everything, batch.lengths, inputs, known))
-        selected = np.flatnonzero(hindsight.selected)
-        if len(selected):
-            chosen = self._tensor(selected)
-            rows = hindsight.goal_rows[selected]
-            goals = self.goals.hindsight(agent, batch, rows, features[self._tensor(rows)], shown)
-            done = self._tensor(hindsight.interactions)[chosen]
-            lengths = hindsight.lengths[selected]
-            inputs = sequences[chosen], goals, done
-            own = None if known is None else known[chosen]
-            passes.append(_Pass("relabelled", selected, lengths, inputs, own))
+            goals = self.goals.instructed(agent, batch, share.goals, shown)[:count]
+            inputs = sequences[:count], goals, self._tensor(batch.interactions[:count])
+            own = None if known is None else known[:count]
+            passes.append(_Pass("lived", np.arange(count), batch.lengths[:count], inputs, own))
+        if not len(share.imitated):
+            return passes
+        rows = hindsight.goal_rows[share.imitated]
+        reached = self.goals.hindsight(agent, batch, rows, features[self._tensor(rows)], shown)
+        is_replayed = share.imitated >= count
+        over: Over
+        for over, is_part in (("relabelled", ~is_replayed), ("replayed", is_replayed)):
+            places = np.flatnonzero(is_part)
+            selected = share.imitated[places]
+            if len(selected):
+                chosen = self._tensor(selected)
+                done = self._tensor(hindsight.interactions)[chosen]
+                inputs = sequences[chosen], reached[self._tensor(places)], done
+                own = None if known is None else known[chosen]
+                passes.append(_Pass(over, selected, hindsight.lengths[selected], inputs, own))
         return passes
 
     def _reached(self, batch: EpisodeBatch, features: Tensor, sequences: Tensor) -> Reached | None:
@@ -331,7 +385,7 @@ class Learner:
         for name, term in self._terms.items():
             if getattr(x, term.over) is not None:
                 found[name] = term.loss(x)
-            elif term.over in ("relabelled", "reached"):
+            elif term.over in ("relabelled", "replayed", "reached"):
                 found[name] = torch.zeros((), device=self._device)
         return found
 
@@ -363,6 +417,7 @@ class Learner:
             "prototypes": self.goals.state_dict(),
             "rng": torch.from_numpy(self.rng.state),
             "updates": self.updates,
+            **self._replay_state(),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -372,6 +427,8 @@ class Learner:
         self.goals.load_state_dict(state["prototypes"])
         self.rng = Rng.from_state(state["rng"].numpy())
         self.updates = int(state["updates"])
+        if self.replay is not None:
+            self.replay.load_state_dict(state["replay"])
 
     def own_state(self) -> dict[str, Any]:
         """What a rank draws with, and prototypes, which are its own where it draws their images."""
@@ -379,6 +436,7 @@ class Learner:
             "rng": torch.from_numpy(self.rng.state),
             "images": torch.from_numpy(self.goals.store.rng_state),
             "prototypes": self.goals.state_dict(),
+            **self._replay_state(),
         }
 
     def load_own_state(self, state: Mapping[str, Any]) -> None:
@@ -386,12 +444,19 @@ class Learner:
         self.rng = Rng.from_state(state["rng"].numpy())
         self.goals.store.rng_state = state["images"].numpy()
         self.goals.load_state_dict(state["prototypes"])
+        if self.replay is not None and "replay" in state:
+            self.replay.load_state_dict(state["replay"])
 
     def draw_from(self, seed: int) -> None:
         """Draw with generators that begin at a seed."""
         state = torch.from_numpy(Rng(seed).state)
         prototypes = self.goals.state_dict() | {"rng": state}
         self.load_own_state({"rng": state, "images": state, "prototypes": prototypes})
+        if self.replay is not None:
+            self.replay.draw_from(state.numpy())
+
+    def _replay_state(self) -> dict[str, Any]:
+        return {} if self.replay is None else {"replay": self.replay.state_dict()}
 
     def digest(self) -> str:
         """SHA-256 of all that is alike on every rank: weights, batch statistics, images by class."""

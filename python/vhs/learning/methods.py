@@ -42,7 +42,7 @@ class Method(NamedTuple):
 
 _A3C = ("policy", "value", "entropy")
 _PG = (*_A3C, "supcon")
-_VHS = (*_PG, "imitation_policy", "imitation_value", "localise")
+_VHS = (*_PG, "imitation_policy", "imitation_value", "replay", "localise")
 
 METHODS: dict[str, Method] = {
     "a3c": Method(_A3C, fixed={"embedding": "word"}),
@@ -66,7 +66,9 @@ def settle(section: Mapping[str, Any]) -> dict[str, Any]:
     """A section `method` as it was given, with what its method fixes and what names its goals filled in."""
     method = METHODS.get(str(section.get("name", "vhs")))
     fixed = {} if method is None else method.fixed
-    own = {"embedding": "prototype"} | dict(fixed)
+    own: dict[str, Any] = {"embedding": "prototype"} | dict(fixed)
+    if section.get("embedding") == "word" and method is not None and "replay" in method.terms:
+        own["replay_ratio"] = 0
     return {**section, **{key: value for key, value in own.items() if section.get(key) is None}}
 
 
@@ -91,6 +93,11 @@ def check_method(name: str, section: Mapping[str, Any]) -> None:
         raise ValueError(
             "method.relabel_probability: expected 0 with method.embedding = word, which has no word for what "
             f"was reached by mistake, found {probability}"
+        )
+    if "replay" in method.terms and section["embedding"] == "word" and section["replay_ratio"]:
+        raise ValueError(
+            "method.replay_ratio: expected 0 with method.embedding = word, which has no word for what was "
+            f"reached by mistake, found {section['replay_ratio']}"
         )
     if method.has_rewards or not method.has_imitation:
         return

@@ -24,14 +24,16 @@ from vhs.losses import (
     actor_critic_loss,
     goal_discrimination_loss,
     hindsight_imitation_loss,
+    imitation_loss,
     lambda_returns,
     localisation_loss,
     supcon_loss,
 )
 from vhs.models import ActionHead, DiscriminativeAgent, GoalAgent, to_device
 
-Over = Literal["lived", "relabelled", "images", "reached"]
-"""What a term is over: episodes as lived, relabelled ones, goal images, views of what was reached."""
+Over = Literal["lived", "relabelled", "replayed", "images", "reached"]
+"""What a term is over: episodes as lived, relabelled ones, those of the past under what they reached, goal
+images, views of what was reached."""
 
 _Found = TypeVar("_Found")
 
@@ -92,12 +94,16 @@ class Forward:
 
     agent: GoalAgent
     batch: EpisodeBatch
+    """Episodes that have just ended, and behind them those that are replayed."""
+    num_ended: int
     ends: NDArray[np.int64]
     """Steps of each episode until it reached what it is relabelled to, shape [B]."""
     lived: Episodes | None
     """Every episode, under its instruction."""
     relabelled: Episodes | None
     """Some episodes again, under what they reached; None also where nothing was relabelled."""
+    replayed: Episodes | None
+    """Kept episodes under what they reached; None also until there are some."""
     images: Images | None
     """None also until the store is warm."""
     reached: Reached | None
@@ -109,15 +115,15 @@ class Forward:
 
     @cached_property
     def steps(self) -> Tensor:
-        """Steps of all episodes of the share, shape []."""
-        return self.tensor(self.batch.mask).float().sum()
+        """Steps of the share's episodes that have just ended, shape []."""
+        return self.tensor(self.batch.mask[: self.num_ended]).float().sum()
 
     @cached_property
     def actor_critic(self) -> ActorCriticTerms:
         """L_RL on the episodes as they were lived, term by term."""
         lived = _there(self.lived)
         returns = lambda_returns(
-            self.tensor(self.batch.rewards) * self.train.reward_scale,
+            self.tensor(self.batch.rewards[: self.num_ended]) * self.train.reward_scale,
             lived.values,
             lived.valid,
             self.train.gamma,
@@ -147,6 +153,12 @@ class Forward:
             self.method.hindsight_discount,
         )
 
+    @cached_property
+    def replay(self) -> Tensor:
+        """Kept episodes imitated again; what the critic thought of them then is stale and left out."""
+        again = _there(self.replayed)
+        return imitation_loss(again.taken, again.valid, self.steps, self.method.hindsight_discount)
+
     def tensor(self, array: NDArray[np.generic]) -> Tensor:
         """An array on the device of the agent."""
         return to_device(array, self.agent.gate.weight.device)
@@ -158,8 +170,8 @@ class Term(NamedTuple):
     loss: Callable[[Forward], Tensor]
     """Unweighted, as it is logged; shape []."""
     over: Over
-    """The part of the pass that it reads, which is there when `loss` is called. Where nothing was relabelled
-    or reached the term is 0; without images there is none yet."""
+    """The part of the pass that it reads, which is there when `loss` is called. Where nothing was relabelled,
+    reached or kept the term is 0; without images there is none yet."""
     weight: str | float = 1.0
     """A number, or a key of the configuration, which moves to ``<key>_end`` over training if there is one."""
     sign: Literal[1, -1] = 1
@@ -230,6 +242,7 @@ TERMS: dict[str, Term] = {
     "entropy": Term(lambda x: x.actor_critic.entropy, "lived", "train.entropy_weight", sign=-1),
     "imitation_policy": Term(lambda x: x.imitation.policy, "relabelled", "method.vhs_weight"),
     "imitation_value": Term(lambda x: x.imitation.value, "relabelled", "method.vhs_weight"),
+    "replay": Term(lambda x: x.replay, "replayed", "method.vhs_weight"),
     "localise": Term(_localise, "reached", "method.localisation_weight"),
     "supcon": Term(_supcon, "images", "method.supcon_weight"),
     "discriminator": Term(_discriminator, "images", "method.discriminator_weight"),

@@ -3,7 +3,7 @@
 from vhs.losses.actor_critic import ActorCriticTerms, actor_critic_loss
 from vhs.losses.contrastive import supcon_loss
 from vhs.losses.discrimination import goal_discrimination_loss
-from vhs.losses.imitation import ImitationTerms, hindsight_imitation_loss
+from vhs.losses.imitation import ImitationTerms, hindsight_imitation_loss, imitation_loss
 from vhs.losses.localisation import localisation_loss
 from vhs.losses.returns import lambda_returns
 
@@ -13,6 +13,7 @@ __all__ = [
     "actor_critic_loss",
     "goal_discrimination_loss",
     "hindsight_imitation_loss",
+    "imitation_loss",
     "lambda_returns",
     "localisation_loss",
     "supcon_loss",

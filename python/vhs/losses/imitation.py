@@ -43,11 +43,29 @@ def hindsight_imitation_loss(
         ShapeError: the tensors do not fit together.
     """
     check_shape("B T", taken=taken, values=values, value_targets=value_targets, valid=valid)
-    taken = taken.masked_fill(valid == 0, 0.0)  # after the end stands anything, impossible actions too
     error = values - value_targets.detach()
-    count = steps.clamp(min=1)
-    remaining = (valid.sum(dim=1, keepdim=True) - valid.cumsum(dim=1)).clamp(min=0)
     return ImitationTerms(
-        policy=-(taken * valid * discount**remaining).sum() / count,
-        value=(error.square() * valid).sum() / count,
+        policy=imitation_loss(taken, valid, steps, discount),
+        value=(error.square() * valid).sum() / steps.clamp(min=1),
     )
+
+
+def imitation_loss(taken: Tensor, valid: Tensor, steps: Tensor, discount: float = 1.0) -> Tensor:
+    """Imitate the actions of episodes under the goal that they reached: the first half of Eq. 5.
+
+    Args:
+        taken: log pi of what was done, in nats, shape [B, T].
+        valid: 1 inside the episode, 0 after its end, shape [B, T].
+        steps: number of steps to divide by, shape [].
+        discount: weight of an action for each step between it and the end of its episode.
+
+    Returns:
+        -log pi(a_i), discounted, summed over the valid steps and divided by `steps`, shape [].
+
+    Raises:
+        ShapeError: the tensors do not fit together.
+    """
+    check_shape("B T", taken=taken, valid=valid)
+    taken = taken.masked_fill(valid == 0, 0.0)  # after the end stands anything, impossible actions too
+    remaining = (valid.sum(dim=1, keepdim=True) - valid.cumsum(dim=1)).clamp(min=0)
+    return -(taken * valid * discount**remaining).sum() / steps.clamp(min=1)

@@ -7,6 +7,7 @@ from vhs.acting.setup import convolution_dtype, settled
 from vhs.config import Config
 from vhs.learning.learner import Learner
 from vhs.learning.reckoning import make_reckoning
+from vhs.learning.replay import make_replay
 from vhs.learning.told import make_goals
 from vhs.models import ExtractorFactory, make_agent
 from vhs.task import TaskSpec
@@ -28,5 +29,6 @@ def make_learner(
         dtype=dtype,
         rng=Rng(config.seed),
         reckoning=make_reckoning(config.method, spec),
+        replay=make_replay(config, spec, config.train.episodes_per_update // world.size),
         world=world,
     )

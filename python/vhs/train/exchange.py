@@ -94,13 +94,13 @@ def collect(
         goals: whose store takes the images.
         buffer: has this rank's episodes.
         ids: of them.
-        batch: the same episodes.
+        batch: the same episodes, and any number behind them.
         successes: of each rank.
     """
     if world.size == 1:
         goals.collect(buffer, ids)
     elif buffer.dtype == np.uint8 and any(successes):
-        rows = np.flatnonzero(batch.outcomes == Outcome.SUCCESS)
+        rows = np.flatnonzero(batch.outcomes[: len(ids)] == Outcome.SUCCESS)
         images = batch.observations[batch.offsets[rows] + batch.lengths[rows]]
         labels = batch.goals[rows].astype(np.int64)
         most = max(successes) * (labels.itemsize + images[:0].itemsize * int(np.prod(images.shape[1:])))

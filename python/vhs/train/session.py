@@ -26,6 +26,7 @@ from vhs.acting.seeds import episode_seeds, own_seed
 from vhs.acting.setup import check_spec, learn_spec, make_buffer, make_stepping, settled, task_of
 from vhs.config import Config
 from vhs.interrupt import StopRequest
+from vhs.learning.learner import reached_after
 from vhs.models import ExtractorFactory
 from vhs.runs.checkpoint import fitting, has_checkpoint, load_checkpoint, save_checkpoint
 from vhs.runs.directory import fixed_settings
@@ -181,7 +182,8 @@ class Session:
         episodes = [self._waiting.popleft() for _ in range(self._share)]
         ids = np.array([episode.id for episode in episodes], dtype=np.int64)
         goals = torch.stack([e.goal_embedding for e in episodes if e.goal_embedding is not None])
-        batch, world = self._buffer.gather(ids), self._world
+        replay, world = self._learner.replay, self._world
+        batch = self._buffer.gather(ids, also=None if replay is None else replay.draw())
         is_late = time.monotonic() - self._save_clock >= self._config.train.checkpoint_every_s
         news = News(
             world,
@@ -193,6 +195,9 @@ class Session:
         reached = [episode.touched for episode in episodes if episode.touched is not None]
         touched = np.array(reached, dtype=np.int64) if reached else None
         self._window.add_update(self._learner.update(batch, goals, touched, along=[news.table]))
+        if replay is not None:
+            ends = None if touched is None else reached_after(batch, touched)
+            replay.collect(self._buffer, batch, len(ids), ends)
         collect(world, self._learner.goals, self._buffer, ids, batch, news.successes)
         results = news.results
         self._window.add_episodes(results)

@@ -4,6 +4,7 @@
 //! memory and time; [`Layout::Padded`] is for learners that want a rectangle. The small per-step arrays are
 //! always padded with zeros to the longest episode.
 
+use crate::buffer::collect::check_same_kind;
 use crate::buffer::config::EpisodeConfig;
 use crate::buffer::episode::Episode;
 use crate::buffer::episodes::EpisodeBuffer;
@@ -17,6 +18,9 @@ use vhs_base::check::{self, check_range, check_shape};
 use vhs_base::error::{Error, Result};
 use vhs_base::interrupt;
 use vhs_base::rng::Rng;
+
+/// A finished episode and the buffer that holds it.
+type Held<'a> = (&'a EpisodeBuffer, &'a Episode);
 
 /// How observations lie in a batch.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -82,10 +86,10 @@ pub struct Batch {
 
 impl BatchIndex {
     /// An index with zeroed steps, which `add` fills episode by episode.
-    fn with_room(episodes: &[&Episode], action_dim: usize) -> Result<Self> {
+    fn with_room(episodes: &[Held<'_>], action_dim: usize) -> Result<Self> {
         let longest = episodes
             .iter()
-            .map(|episode| episode.len())
+            .map(|(_, episode)| episode.len())
             .max()
             .unwrap_or_default();
         let wide = action_dim.max(1);
@@ -156,7 +160,20 @@ impl EpisodeBuffer {
     /// # Errors
     /// As [`EpisodeBuffer::gather`].
     pub fn gather_as(&self, ids: &[i64], layout: Layout) -> Result<Batch> {
-        let (episodes, index) = self.index(ids, layout)?;
+        self.gather_with(ids, None, layout)
+    }
+
+    /// As [`EpisodeBuffer::gather_as`], followed by episodes of another buffer of the same kind.
+    ///
+    /// # Errors
+    /// As [`EpisodeBuffer::gather`], and [`Error::Argument`] for a buffer of another kind.
+    pub fn gather_with(
+        &self,
+        ids: &[i64],
+        also: Option<(&Self, &[i64])>,
+        layout: Layout,
+    ) -> Result<Batch> {
+        let (episodes, index) = self.index(ids, also, layout)?;
         let bytes = check::product("ids", &[index.rows, self.observation_bytes()])?;
         let mut observations = Bytes::take("gather", bytes)?;
         self.write_packed(
@@ -168,14 +185,20 @@ impl EpisodeBuffer {
         self.with_parts(&episodes, index, observations)
     }
 
-    /// As [`EpisodeBuffer::gather_as`], with the observations written over the beginning of `out`; those of
+    /// As [`EpisodeBuffer::gather_with`], with the observations written over the beginning of `out`; those of
     /// the result are empty.
     ///
     /// # Errors
     /// As [`EpisodeBuffer::gather`], and [`Error::Shape`] where `out` has fewer bytes than the
     /// batch needs.
-    pub fn gather_into(&self, ids: &[i64], layout: Layout, out: &mut [u8]) -> Result<Batch> {
-        let (episodes, index) = self.index(ids, layout)?;
+    pub fn gather_into(
+        &self,
+        ids: &[i64],
+        also: Option<(&Self, &[i64])>,
+        layout: Layout,
+        out: &mut [u8],
+    ) -> Result<Batch> {
+        let (episodes, index) = self.index(ids, also, layout)?;
         let row_bytes = self.observation_bytes();
         let bytes = check::product("ids", &[index.rows, row_bytes])?;
         if out.len() < bytes {
@@ -192,14 +215,14 @@ impl EpisodeBuffer {
     /// Adds the goals that episodes were told, those that vectors say were reached, and the fields.
     fn with_parts(
         &self,
-        episodes: &[&Episode],
+        episodes: &[Held<'_>],
         index: BatchIndex,
         observations: Bytes,
     ) -> Result<Batch> {
         let desired = check::product("ids", &[episodes.len(), self.config.desired_bytes()])?;
         let mut desired_goals = Bytes::take("gather", desired)?;
         copy_parts(
-            episodes.iter().map(|episode| episode.desired()),
+            episodes.iter().map(|(_, episode)| episode.desired()),
             &mut desired_goals,
         );
         let vector = self.config.vector_bytes().unwrap_or_default();
@@ -207,8 +230,9 @@ impl EpisodeBuffer {
         let mut achieved_goals = Bytes::take("gather", reached)?;
         if vector > 0 {
             self.write_rows(&index, vector, &mut achieved_goals, |place, out| {
+                let (buffer, episode) = episodes[place];
                 for (t, row) in out.chunks_exact_mut(vector).enumerate() {
-                    self.write_reached(episodes[place], t, row);
+                    buffer.write_reached(episode, t, row);
                 }
             })?;
         }
@@ -221,8 +245,8 @@ impl EpisodeBuffer {
         })
     }
 
-    fn gather_fields(&self, episodes: &[&Episode], index: &BatchIndex) -> Result<Vec<Bytes>> {
-        let gather = |(field, layer): (&Field, Layer<'_>)| {
+    fn gather_fields(&self, episodes: &[Held<'_>], index: &BatchIndex) -> Result<Vec<Bytes>> {
+        let gather = |(number, field): (usize, &Field)| {
             let row = field.row_bytes(self.config.frame_stack);
             let rows = match field.per {
                 Per::Observation => index.rows,
@@ -231,33 +255,34 @@ impl EpisodeBuffer {
             let mut out = Bytes::take("gather", check::product("ids", &[rows, row])?)?;
             match field.per {
                 Per::Observation => self.write_rows(index, row, &mut out, |place, out| {
-                    layer.write_all(episodes[place], 0, row, out);
+                    let (buffer, episode) = episodes[place];
+                    buffer.layer(number).write_all(episode, 0, row, out);
                 })?,
                 Per::Step => {
                     let cells = out.chunks_exact_mut(index.longest * row);
-                    for (episode, cells) in episodes.iter().zip(cells) {
+                    for ((buffer, episode), cells) in episodes.iter().zip(cells) {
                         let (steps, padding) = cells.split_at_mut(episode.len() * row);
-                        layer.write_all(episode, 1, row, steps);
+                        buffer.layer(number).write_all(episode, 1, row, steps);
                         padding.fill(0);
                     }
                 }
             }
             Ok(out)
         };
-        self.layers().map(gather).collect()
+        self.config.fields.iter().enumerate().map(gather).collect()
     }
 
     /// Every frame of every observation of the episodes.
     fn write_packed(
         &self,
-        episodes: &[&Episode],
+        episodes: &[Held<'_>],
         index: &BatchIndex,
         row_bytes: usize,
         out: &mut [u8],
     ) -> Result<()> {
-        let frames = self.frames();
         self.write_rows(index, row_bytes, out, |place, out| {
-            frames.write_all(episodes[place], 0, row_bytes, out);
+            let (buffer, episode) = episodes[place];
+            buffer.frames().write_all(episode, 0, row_bytes, out);
         })
     }
 
@@ -409,14 +434,25 @@ impl EpisodeBuffer {
         self.layers().map(newest).collect()
     }
 
-    fn index(&self, ids: &[i64], layout: Layout) -> Result<(Vec<&Episode>, BatchIndex)> {
+    fn index<'a>(
+        &'a self,
+        ids: &[i64],
+        also: Option<(&'a Self, &[i64])>,
+        layout: Layout,
+    ) -> Result<(Vec<Held<'a>>, BatchIndex)> {
         check_range("ids", ids.len(), 1, usize::MAX)?;
-        let episodes: Vec<_> = ids
+        if let Some((other, _)) = also {
+            check_same_kind(&self.config, &other.config)?;
+        }
+        let others = also.map(|(other, ids)| ids.iter().map(move |&id| (other, id)));
+        let all = ids.iter().map(|&id| (self, id));
+        let all: Vec<_> = all.chain(others.into_iter().flatten()).collect();
+        let held = all
             .iter()
-            .map(|&id| self.episode(id))
-            .collect::<Result<_>>()?;
+            .map(|&(buffer, id)| Ok((buffer, buffer.episode(id)?)));
+        let episodes = held.collect::<Result<Vec<_>>>()?;
         let mut index = BatchIndex::with_room(&episodes, self.config.action_dim)?;
-        for (&id, episode) in ids.iter().zip(&episodes) {
+        for (&(_, id), (_, episode)) in all.iter().zip(&episodes) {
             index.add(id, episode, layout, &self.config);
         }
         Ok((episodes, index))

@@ -394,21 +394,24 @@ impl EpisodeBuffer {
 
     /// Each field with what is stored of it.
     pub(crate) fn layers(&self) -> impl ExactSizeIterator<Item = (&Field, Layer<'_>)> {
-        let fields = self.config.fields.iter().zip(&self.fields);
-        fields.map(|(field, slab)| {
-            let layer = Layer {
-                slab,
-                stack: if field.is_stacked {
-                    self.config.frame_stack
-                } else {
-                    1
-                },
-                stacking: self.config.stacking,
-                shape: &field.shape,
-                item: field.item,
-            };
-            (field, layer)
-        })
+        let fields = self.config.fields.iter().enumerate();
+        fields.map(|(number, field)| (field, self.layer(number)))
+    }
+
+    /// What is stored of the field of this number.
+    pub(crate) fn layer(&self, number: usize) -> Layer<'_> {
+        let field = &self.config.fields[number];
+        Layer {
+            slab: &self.fields[number],
+            stack: if field.is_stacked {
+                self.config.frame_stack
+            } else {
+                1
+            },
+            stacking: self.config.stacking,
+            shape: &field.shape,
+            item: field.item,
+        }
     }
 
     /// Writes observation `t` of an episode, its frames stacked as configured.

@@ -1,6 +1,7 @@
 //! Whole episodes of many environments, and what a learner takes out of them.
 
 pub mod batch;
+mod collect;
 pub mod config;
 pub mod episode;
 pub mod episodes;

@@ -254,7 +254,7 @@ fn gather_into_writes_the_beginning_of_a_larger_array() {
     let mut out = vec![99; 5 * 2 * FRAME_BYTES];
     let index = pair
         .buffer
-        .gather_into(&[0], Layout::Packed, &mut out)
+        .gather_into(&[0], None, Layout::Packed, &mut out)
         .expect("a stored id");
     let batch = pair.buffer.gather(&[0]).expect("a stored id");
     assert_eq!(index.index, batch.index);

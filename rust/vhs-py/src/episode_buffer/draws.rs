@@ -57,18 +57,28 @@ impl EpisodeBuffer {
         &self,
         py: Python<'_>,
         ids: &[i64],
+        also: Option<(&Self, &[i64])>,
         out: Option<&Bound<'_, PyAny>>,
         layout: Layout,
     ) -> PyResult<EpisodeBatch> {
-        let bytes = self.most_bytes(ids.len());
+        let (other, more) = also.unzip();
+        let bytes = self.most_bytes(ids.len() + more.map_or(0, <[i64]>::len));
         let Some(out) = out else {
-            let batch = self.copy(py, bytes, |buffer| buffer.gather_as(ids, layout))?;
+            let batch = self.copy_with(py, bytes, other, |buffer, other| {
+                buffer.gather_with(ids, other.zip(more), layout)
+            })?;
             return self.batch(py, batch, None, None, layout);
         };
         let mut room = self.episode_room(out)?;
         let room = room.as_slice_mut()?;
-        let batch = self.copy(py, bytes, |buffer| buffer.gather_into(ids, layout, room))?;
+        let batch = self.copy_with(py, bytes, other, |buffer, other| {
+            buffer.gather_into(ids, other.zip(more), layout, room)
+        })?;
         self.batch(py, batch, None, Some(out), layout)
+    }
+
+    pub(crate) fn sample_some_ids(&self, n: usize) -> PyResult<Vec<i64>> {
+        self.with_rng(|rng| checked(self.with_core(|buffer| buffer.draw_ids_with(n, rng))))
     }
 
     pub(crate) fn sample_batch(
@@ -90,7 +100,7 @@ impl EpisodeBuffer {
             let room = room.as_slice_mut()?;
             let batch = self.copy(py, bytes, |buffer| {
                 let ids = buffer.draw_ids_with(n, rng)?;
-                buffer.gather_into(&ids, layout, room)
+                buffer.gather_into(&ids, None, layout, room)
             })?;
             let hindsight = rule.map(|rule| rule.relabel(&batch.index.ends, rng));
             self.batch(py, batch, hindsight, Some(out), layout)

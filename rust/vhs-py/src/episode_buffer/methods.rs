@@ -3,6 +3,7 @@
 
 use std::path::PathBuf;
 
+use numpy::PyArrayDyn;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use vhs_base::error::Error;
@@ -14,7 +15,9 @@ use super::arguments::{
     Actions, backing, check_n_step, folder, goal_bytes, goal_kind, interactions, layout,
 };
 use super::{EpisodeBuffer, stacking};
-use crate::arrays::{checked, integer, integer_vec, real_vec, rows, seed, shape, size, slice};
+use crate::arrays::{
+    checked, integer, integer_vec, into_array, real_vec, rows, seed, shape, size, slice,
+};
 use crate::batch::EpisodeBatch;
 use crate::bytes::{filled_bytes, item};
 use crate::error::to_py;
@@ -228,6 +231,27 @@ impl EpisodeBuffer {
         self.write(py, |buffer| buffer.abort(stream))
     }
 
+    #[doc = stub!("EpisodeBuffer.collect")]
+    #[pyo3(signature = (buffer, ids, *, steps=None, stream=None),
+           text_signature = "($self, buffer, ids, *, steps=None, stream=0)")]
+    fn collect<'py>(
+        &self,
+        py: Python<'py>,
+        buffer: &Bound<'py, Self>,
+        ids: &Bound<'py, PyAny>,
+        steps: Option<&Bound<'py, PyAny>>,
+        stream: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<i64>>> {
+        let ids = integer_vec("ids", ids)?;
+        let steps = steps.map(|steps| integer_vec("steps", steps)).transpose()?;
+        let stream = stream.map_or(Ok(0), |stream| integer("stream", stream))?;
+        let copied = self.write_reading(py, buffer.get(), |buffer, other| {
+            buffer.collect(stream, other, &ids, steps.as_deref())
+        })?;
+        let shape = [copied.len()];
+        into_array(py, copied, &shape)
+    }
+
     #[doc = stub!("EpisodeBuffer.observe")]
     #[pyo3(signature = (streams=None, *, out=None))]
     fn observe<'py>(
@@ -256,15 +280,33 @@ impl EpisodeBuffer {
     }
 
     #[doc = stub!("EpisodeBuffer.gather")]
-    #[pyo3(signature = (ids, *, padded=false, out=None))]
+    #[pyo3(signature = (ids, *, also=None, padded=false, out=None))]
     fn gather<'py>(
         &self,
         py: Python<'py>,
         ids: &Bound<'py, PyAny>,
+        also: Option<(Bound<'py, Self>, Bound<'py, PyAny>)>,
         padded: bool,
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<EpisodeBatch> {
-        self.gather_batch(py, &integer_vec("ids", ids)?, out, layout(padded))
+        let ids = integer_vec("ids", ids)?;
+        let taken = |(buffer, ids): (Bound<'py, Self>, Bound<'py, PyAny>)| {
+            Ok::<_, PyErr>((buffer, integer_vec("also", &ids)?))
+        };
+        let also = also.map(taken).transpose()?;
+        let also = also.as_ref().map(|(buffer, ids)| (buffer.get(), &ids[..]));
+        self.gather_batch(py, &ids, also, out, layout(padded))
+    }
+
+    #[doc = stub!("EpisodeBuffer.sample_ids")]
+    fn sample_ids<'py>(
+        &self,
+        py: Python<'py>,
+        n: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArrayDyn<i64>>> {
+        let ids = self.sample_some_ids(size("n", n)?)?;
+        let shape = [ids.len()];
+        into_array(py, ids, &shape)
     }
 
     #[doc = stub!("EpisodeBuffer.sample_episodes")]

@@ -183,6 +183,57 @@ impl EpisodeBuffer {
         checked(py.detach(|| self.with_locked_alone(call)))
     }
 
+    /// Whether this buffer is locked before another where a call needs both: of two calls with the same two
+    /// buffers neither then waits in a circle.
+    fn is_before(&self, other: &Self) -> PyResult<bool> {
+        let (here, there) = (std::ptr::from_ref(self), std::ptr::from_ref(other));
+        if here != there {
+            return Ok(here < there);
+        }
+        Err(to_py(Error::Argument {
+            field: "buffer",
+            expected: "another buffer".into(),
+            got: "this one".into(),
+        }))
+    }
+
+    /// As `copy`, for a call that may read another buffer too.
+    pub(crate) fn copy_with<R: Send>(
+        &self,
+        py: Python<'_>,
+        bytes: usize,
+        other: Option<&Self>,
+        call: impl FnOnce(&core::EpisodeBuffer, Option<&core::EpisodeBuffer>) -> Result<R> + Send,
+    ) -> PyResult<R> {
+        let Some(other) = other else {
+            return self.copy(py, bytes, |mine| call(mine, None));
+        };
+        if self.is_before(other)? {
+            return self.copy(py, bytes, |mine| {
+                other.with_core(|theirs| call(mine, Some(theirs)))
+            });
+        }
+        other.copy(py, bytes, |theirs| {
+            self.with_core(|mine| call(mine, Some(theirs)))
+        })
+    }
+
+    /// A call of the core that writes this buffer and reads another, with the interpreter released.
+    pub(crate) fn write_reading<R: Send>(
+        &self,
+        py: Python<'_>,
+        other: &Self,
+        call: impl FnOnce(&mut core::EpisodeBuffer, &core::EpisodeBuffer) -> Result<R> + Send,
+    ) -> PyResult<R> {
+        if self.is_before(other)? {
+            return self.write(py, |mine| other.with_core(|theirs| call(mine, theirs)));
+        }
+        other.read(py, |theirs| {
+            self.check_process()?;
+            self.with_locked_alone(|mine| call(mine, theirs))
+        })
+    }
+
     /// As `read`, for a call that copies so many bytes.
     pub(crate) fn copy<R: Send>(
         &self,

@@ -1,0 +1,104 @@
+"""Episodes that are imitated again: what of the past an update learns from beside what has just ended.
+
+Imitating an episode once, in the update after its end, takes little from it; where steps are short, as on a
+grid, that is too little to learn from at all. So episodes that reached something are kept, each as far as it
+reached, and some are imitated in every update under what they reached (Oh et al. 2018, "Self-Imitation
+Learning", for returns; here for goals in hindsight).
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from vhs import EpisodeBatch, EpisodeBuffer, Outcome
+from vhs.buffer import make_buffer
+from vhs.config import Config
+from vhs.task import TaskSpec
+
+
+class Replay:
+    """Keeps the newest episodes that reached something, and draws from them."""
+
+    def __init__(self, buffer: EpisodeBuffer, num_episodes: int, outcomes: Collection[Outcome]) -> None:
+        """Keep nothing yet.
+
+        Args:
+            buffer: empty; keeps the episodes, as many steps of them as it has room for.
+            num_episodes: to draw in an update.
+            outcomes: of episodes that reached something.
+        """
+        self._buffer = buffer
+        self._num_episodes = num_episodes
+        self.outcomes = tuple(outcomes)
+        """Of episodes that reached something."""
+
+    def __len__(self) -> int:
+        """Episodes kept."""
+        return len(self._buffer)
+
+    def draw(self) -> tuple[EpisodeBuffer, NDArray[np.int64]] | None:
+        """Episodes for an update, as `EpisodeBuffer.gather` takes them; None before there are so many."""
+        if len(self._buffer) < self._num_episodes:
+            return None
+        return self._buffer, self._buffer.sample_ids(self._num_episodes)
+
+    def collect(
+        self, buffer: EpisodeBuffer, batch: EpisodeBatch, count: int, ends: NDArray[np.int64] | None
+    ) -> None:
+        """Keep those that reached something of the first `count` episodes of a batch, which lie in `buffer`.
+
+        Args:
+            buffer: where they lie.
+            batch: an update's.
+            count: episodes of it that have just ended.
+            ends: steps until each reached what it reached, int64 [count], 0 where nothing was; None: its
+                last observation shows it.
+        """
+        lengths = batch.lengths[:count] if ends is None else ends
+        reaching = [int(outcome) for outcome in self.outcomes]
+        is_kept = np.isin(batch.outcomes[:count], reaching) & (lengths > 0)
+        self._buffer.collect(buffer, batch.ids[:count][is_kept], steps=lengths[is_kept])
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """The episodes and the generator, as a file of `EpisodeBuffer.save`."""
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "episodes.vhs"
+            self._buffer.save(file)
+            return {"file": torch.from_numpy(np.fromfile(file, np.uint8))}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Return to a state that `state_dict` gave."""
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "episodes.vhs"
+            state["file"].numpy().tofile(file)
+            self._buffer = EpisodeBuffer.load(file)
+
+    def draw_from(self, state: NDArray[np.uint64]) -> None:
+        """Draw with a generator that begins at a state of `vhs.Rng`."""
+        self._buffer.rng_state = state
+
+
+def make_replay(config: Config, spec: TaskSpec, share: int) -> Replay | None:
+    """What a method replays beside `share` episodes an update; None where it replays nothing."""
+    method = config.method
+    if "replay" not in method.row.terms or not method.replay_ratio:
+        return None
+    outcomes = {Outcome.SUCCESS}
+    if method.relabel_probability:
+        outcomes |= {Outcome[name.upper()] for name in method.relabel_on or ()}
+    buffer = make_buffer(
+        spec,
+        capacity_steps=max(method.replay_capacity, spec.max_episode_steps),
+        frame_stack=config.model.frame_stack,
+        stacking="channels" if len(spec.frame_shape) == 3 else "frames",
+        seed=config.seed,
+    )
+    return Replay(buffer, method.replay_ratio * share, outcomes)
