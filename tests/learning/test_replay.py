@@ -127,7 +127,7 @@ def test_the_rest_of_an_update_does_not_hear_of_kept_episodes() -> None:
     with_kept, without = terms(True), terms(False)
     assert with_kept["replay"] > 0 == without["replay"]
     for name in without.keys() - {"replay", "grad_norm"}:
-        assert with_kept[name] == pytest.approx(without[name], rel=1e-3), name
+        assert with_kept[name] == pytest.approx(without[name], rel=1e-3, abs=1e-4), name
 
 
 def test_a_learner_saves_what_it_keeps() -> None:
