@@ -13,7 +13,7 @@ from stand_in import STAND_IN, Journal
 from vhs.cli import main
 from vhs.config import dump_config
 from vhs.distribution import find_sweep
-from vhs.errors import CheckpointError, ConfigError
+from vhs.errors import CheckpointError, ConfigError, OutputError
 from vhs.runs.files import write_files
 from vhs.sweep.file import read_sweep
 from vhs.sweep.plan import PlannedRun
@@ -181,6 +181,19 @@ def test_a_training_that_is_below_the_median_of_five_is_hopeless(tmp_path: Path)
         search_of(tmp_path, "seeds: [0, 1]" + PRUNED)
 
 
+def test_a_trial_that_tries_what_was_pruned_is_judged_anew_and_not_left_open(tmp_path: Path) -> None:
+    keys = "method.relabel_on: {choices: [[failure], [timeout]]}"
+    search = search_of(tmp_path, PRUNED.replace("method.relabel_probability: {low: 0, high: 1}", keys))
+    search.begin()
+    names = []
+    while (run := search.next()) is not None:
+        names.append(run.name)
+        search.abandon(run)
+    assert len(names) == 8
+    assert len(set(names)) == 2
+    assert {trial.state.name for trial in search._study.trials} == {"PRUNED"}
+
+
 @pytest.mark.slow
 @needs_linux
 def test_a_hopeless_run_saves_and_is_not_evaluated_nor_run_again(
@@ -332,6 +345,17 @@ def test_a_journal_that_a_kill_cut_short_goes_on(tmp_path: Path) -> None:
     journal.write_bytes(b"{}\n{}\n")
     with pytest.raises(CheckpointError, match=f"{STUDY_NAME}: expected a study of Optuna, found"):
         search_of(tmp_path).begin()
+
+
+@needs_linux
+def test_a_full_disk_ends_a_search_with_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def append(backend: Any, logs: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    play(search_of(tmp_path), 0)
+    monkeypatch.setattr("optuna.storages.journal.JournalFileBackend.append_logs", append)
+    with pytest.raises(OutputError, match=f"{STUDY_NAME}: cannot write: No space left on device"):
+        sweep(tmp_path / "sweep.yaml", tmp_path / "out", 1, StringIO())
 
 
 def test_a_task_without_a_shortest_way_has_no_spl_to_maximise(tmp_path: Path) -> None:

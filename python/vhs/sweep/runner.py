@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TextIO
 
 from vhs.console import Output
-from vhs.errors import ConfigError, VhsError
+from vhs.errors import CheckpointError, ConfigError, VhsError
 from vhs.interrupt import StopRequest, stop_on_signal
 from vhs.runs.directory import LOCK_NAME
 from vhs.runs.files import writing
@@ -174,7 +174,7 @@ class _Sweep:
         while self._place.has_room and not self._is_exhausted:
             try:
                 run = self._runs.next()
-            except VhsError as error:
+            except (ConfigError, CheckpointError) as error:
                 self._failed += 1
                 self._display.say(f"failed: {error}")
                 continue
@@ -238,7 +238,7 @@ class _Sweep:
         directory = self._out / run.name
         try:
             self._runs.finish(run, find_evaluation(directory, self._evaluation) or {})
-        except VhsError as error:
+        except (ConfigError, CheckpointError) as error:
             self._fail(run, str(error))
         else:
             self._display.end(run, f"{when}{describe_result(directory, self._evaluation)}")

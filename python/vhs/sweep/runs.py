@@ -33,6 +33,7 @@ class Runs(Protocol):
         Raises:
             ConfigError: what follows is no configuration; the one after it may be.
             CheckpointError: the directory of what follows holds another run.
+            OutputError: what is kept about the runs cannot be written; so of the methods below.
         """
 
     def finish(self, run: PlannedRun, found: Mapping[str, Any]) -> None:

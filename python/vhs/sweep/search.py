@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ from vhs.config.variants import flat_config
 from vhs.distribution import pip_install
 from vhs.errors import ConfigError
 from vhs.runs.directory import fixed_settings
+from vhs.runs.files import writing
 from vhs.sweep.file import SearchSection, Sweep
 from vhs.sweep.plan import PlannedRun, Planner
 from vhs.sweep.runs import check
@@ -27,6 +29,7 @@ from vhs.sweep.study import STUDY_NAME, Space, Watched, load_study, open_study
 
 if TYPE_CHECKING:
     from optuna import Trial
+    from optuna.trial import TrialState
 
 _WHERE = "search"
 
@@ -55,6 +58,7 @@ class Search:
             raise ConfigError(f"{path}: search: optuna is not installed; {pip_install('optuna')}") from None
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         self._optuna: Any = optuna
+        self._states = optuna.trial.TrialState
         self._path = path
         self._section = section
         self._seeds = sweep.seeds
@@ -112,14 +116,15 @@ class Search:
                     # Optuna makes a trial of its own again, to report to, by this name of it alone.
                     self._take(self._optuna.trial.Trial(self._study, trial._trial_id))
                 else:  # a kill came before it was told what to try
-                    self._study.tell(trial.number, state=self._optuna.trial.TrialState.FAIL)
+                    self._tell(trial.number, state=self._states.FAIL)
 
     def next(self) -> PlannedRun | None:
         """A run of an open trial, or of a new one."""
         count = len(self._study.get_trials(deepcopy=False))
         while not self._waiting and count < self._section.trials:
             self._study.sampler = self._sampler(count)
-            trial = self._study.ask({key: space.distribution for key, space in self._spaces.items()})
+            with self._writing():
+                trial = self._study.ask({key: space.distribution for key, space in self._spaces.items()})
             self._take(trial)
             count += 1
         return self._waiting.popleft() if self._waiting else None
@@ -133,19 +138,21 @@ class Search:
         if self.is_hopeless(run):  # what its last rows say counts as if it had been seen in time
             self.abandon(run)
         self._found[run.name] = value
-        self._tell()
+        self._tell_found()
 
     def is_hopeless(self, run: PlannedRun) -> bool:
         """Report the new rows of its log to the pruner, if there is one, until it says so."""
         watched = self._watched.get(run.name)
-        return watched is not None and watched.look(self._out / run.name)
+        with self._writing():
+            return watched is not None and watched.look(self._out / run.name)
 
     def abandon(self, run: PlannedRun) -> None:
-        """Its trials were pruned."""
+        """Its trials were pruned; one that tries the same again is judged by the rows that are there."""
+        self._known.discard(run.name)
         for number, names in list(self._names.items()):
             if run.name in names:
                 del self._names[number]
-                self._study.tell(number, state=self._optuna.trial.TrialState.PRUNED)
+                self._tell(number, state=self._states.PRUNED)
 
     def conclude(self) -> list[str]:
         """The best trial."""
@@ -167,7 +174,7 @@ class Search:
         if not (self._out / STUDY_NAME).exists():
             return 0, []
         trials = load_study(self._out, self._made_with).get_trials(deepcopy=False)
-        is_over = {self._optuna.trial.TrialState.FAIL, self._optuna.trial.TrialState.PRUNED}
+        is_over = {self._states.FAIL, self._states.PRUNED}
         wanted = [trial for trial in trials if trial.params and trial.state not in is_over]
         runs = [run for trial in wanted for run in self._plan(trial.params)]
         return len(trials), list({run.name: run for run in runs}.values())
@@ -184,21 +191,28 @@ class Search:
             for run in runs:
                 check(run, self._out)
         except ConfigError:
-            self._study.tell(number, state=self._optuna.trial.TrialState.FAIL)
+            self._tell(number, state=self._states.FAIL)
             raise
         self._names[number] = [run.name for run in runs]
         self._waiting += [run for run in runs if run.name not in self._known]
         self._known |= set(self._names[number])
         if self._section.pruner is not None:
             self._watched[runs[0].name] = Watched(trial)
-        self._tell()
+        self._tell_found()
 
-    def _tell(self) -> None:
+    def _tell_found(self) -> None:
         """Tell the study what is known by now."""
         for number, names in list(self._names.items()):
             if self._found.keys() >= set(names):
                 del self._names[number]
-                self._study.tell(number, fmean(self._found[name] for name in names))
+                self._tell(number, fmean(self._found[name] for name in names))
+
+    def _tell(self, number: int, value: float | None = None, state: TrialState | None = None) -> None:
+        with self._writing():
+            self._study.tell(number, value, state)
+
+    def _writing(self) -> AbstractContextManager[None]:
+        return writing(self._out / STUDY_NAME)
 
     def _sampler(self, number: int) -> Any:
         """The sampler of one trial."""
