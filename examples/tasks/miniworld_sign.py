@@ -11,6 +11,7 @@ from gymnasium.spaces import Dict, Discrete
 import vhs
 
 pyglet.options["headless"] = True  # no window; to be said before miniworld is imported
+ACTIONS = ("turn left", "turn right", "forward")
 GOALS = tuple(f"{colour} {kind}" for kind in ("box", "key") for colour in ("blue", "red", "green"))
 KWARGS = {"obs_width": 64, "obs_height": 48, "view": "top"}  # what films show beside is seen from above
 
@@ -21,7 +22,7 @@ class Asked(gymnasium.Wrapper):
     def __init__(self, **kwargs):
         super().__init__(gymnasium.make("miniworld:MiniWorld-Sign-v0", **kwargs))
         self.observation_space = Dict(image=self.env.observation_space["obs"], goal=Discrete(len(GOALS)))
-        self.action_space = Discrete(3)  # without the action that gives up
+        self.action_space = Discrete(len(ACTIONS))  # without the action that gives up
 
     def reset(self, *, seed=None, options=None):
         self.goal = int(np.random.default_rng(seed).integers(len(GOALS)))
@@ -34,4 +35,6 @@ class Asked(gymnasium.Wrapper):
         return {"image": observation["obs"], "goal": self.goal}, *rest
 
 
-task = vhs.Task(make=Asked, kwargs=KWARGS, reward=vhs.OutcomeReward(), max_steps=20, goals=GOALS)
+task = vhs.Task(
+    make=Asked, kwargs=KWARGS, reward=vhs.OutcomeReward(), max_steps=20, goals=GOALS, actions=ACTIONS
+)
