@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -164,6 +164,7 @@ class Learner:
         touched: NDArray[np.int64] | None = None,
         *,
         along: Sequence[Tensor] = (),
+        meanwhile: Callable[[], None] = lambda: None,
     ) -> dict[str, float]:
         """Learn from finished episodes: this rank's share of them.
 
@@ -175,6 +176,8 @@ class Learner:
             touched: steps until each of the B last reached something, int64 [B]; None: only their ends reach
                 anything.
             along: what is to be summed over the ranks in the same message.
+            meanwhile: done while that message is under way, with the weights before the update; not done by a
+                process alone.
 
         Returns:
             The mean over the ranks of each term, unweighted, the gradient's norm before clipping and the
@@ -192,7 +195,7 @@ class Learner:
         terms = Terms([*self._terms, "relabelled"], learned.terms, self._device)
         sums = self.goals.summed(share.images, learned.image_features) if self._world.size > 1 else None
         if sums is not None:
-            average_gradients(self._world, self.agent, [terms.sums, sums, *along])
+            average_gradients(self._world, self.agent, [terms.sums, sums, *along], meanwhile)
         parameters = list(self.agent.parameters())
         norm = nn.utils.get_total_norm([one.grad for one in parameters if one.grad is not None])
         metrics, found = terms.means(norm)

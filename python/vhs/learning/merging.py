@@ -6,7 +6,7 @@ Each rank normalises by the statistics of its own share, as data-parallel traini
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import torch
 from torch import Tensor, nn
@@ -14,7 +14,9 @@ from torch import Tensor, nn
 from vhs.world import World
 
 
-def average_gradients(world: World, agent: nn.Module, along: Sequence[Tensor]) -> None:
+def average_gradients(
+    world: World, agent: nn.Module, along: Sequence[Tensor], meanwhile: Callable[[], None]
+) -> None:
     """Give every rank the mean of the gradients and of the batch statistics.
 
     A rank without a gradient of a parameter has a share of 0; where no rank has one there is none.
@@ -23,6 +25,7 @@ def average_gradients(world: World, agent: nn.Module, along: Sequence[Tensor]) -
         world: the ranks.
         agent: the networks, whose gradients are those of this rank.
         along: what is summed over the ranks in the same message.
+        meanwhile: done while it is under way, by the weights and statistics of this rank.
     """
     parameters = [parameter for parameter in agent.parameters() if parameter.requires_grad]
     learned = torch.tensor([float(parameter.grad is not None) for parameter in parameters])
@@ -31,7 +34,7 @@ def average_gradients(world: World, agent: nn.Module, along: Sequence[Tensor]) -
             parameter.grad = torch.zeros_like(parameter)
     gradients = [parameter.grad for parameter in parameters if parameter.grad is not None]
     statistics = [buffer for buffer in agent.buffers() if buffer.is_floating_point()]
-    world.average([*gradients, *statistics], [learned, *along])
+    world.average([*gradients, *statistics], [learned, *along], meanwhile)
     for parameter, ranks in zip(parameters, learned.tolist(), strict=True):
         if not ranks:
             parameter.grad = None

@@ -101,7 +101,9 @@ class Session:
         """Ranks that made the checkpoint; 0 for a new run."""
         if len(saved) != world.size:
             self._draw_anew(saved)
-        self._buffer = make_buffer(config, spec, streams, streams + self._share)
+        # A step while ranks exchange an update may end as many again, beside those that it learns from.
+        ending = streams if world.size == 1 else 2 * streams
+        self._buffer = make_buffer(config, spec, streams, ending + self._share)
         self._actor = Actor(
             self._learner.agent, streams, dtype=self._learner.dtype, generator=self._generator
         )
@@ -153,13 +155,22 @@ class Session:
         """Whether every term of the method is at work."""
         return self._learner.has_every_term
 
+    @property
+    def parts(self) -> dict[str, tuple[object, str]]:
+        """Where the time of a run goes: an object and a method of it, by part; for those who measure."""
+        return {
+            "environments": (self._stepping, "recv"),
+            "acting": (self._actor, "act"),
+            "learning": (self._learner, "update"),
+        }
+
     def advance(self, log: Log) -> None:
         """One update where a whole group of episodes is waiting, one step of every environment otherwise.
 
         Between two calls the run can be saved: see `vhs.acting.replay`.
         """
         if len(self._waiting) < self._share:
-            self._waiting.extend(self._episodes.step())
+            self._step()
             return
         before = self.progress.episodes
         news = self._learn()
@@ -178,6 +189,9 @@ class Session:
         if news.save and not self._is_stop_agreed:
             self.save(log)
 
+    def _step(self) -> None:
+        self._waiting.extend(self._episodes.step())
+
     def _learn(self) -> News:
         episodes = [self._waiting.popleft() for _ in range(self._share)]
         ids = np.array([episode.id for episode in episodes], dtype=np.int64)
@@ -194,7 +208,9 @@ class Session:
         )
         reached = [episode.touched for episode in episodes if episode.touched is not None]
         touched = np.array(reached, dtype=np.int64) if reached else None
-        self._window.add_update(self._learner.update(batch, goals, touched, along=[news.table]))
+        self._window.add_update(
+            self._learner.update(batch, goals, touched, along=[news.table], meanwhile=self._step)
+        )
         if replay is not None:
             ends = None if touched is None else reached_after(batch, touched)
             replay.collect(self._buffer, batch, len(ids), ends)

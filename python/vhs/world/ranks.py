@@ -12,7 +12,7 @@ import re
 import secrets
 import socket
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import timedelta
 from typing import Any
@@ -97,12 +97,20 @@ class Ranks(World):
         torch.cuda.set_device(local)
         return f"cuda:{local}"
 
-    def average(self, tensors: Sequence[Tensor], along: Sequence[Tensor] = ()) -> None:
+    def average(
+        self,
+        tensors: Sequence[Tensor],
+        along: Sequence[Tensor] = (),
+        meanwhile: Callable[[], None] = lambda: None,
+    ) -> None:
         """One flat sum; the first tensors are then divided by the number of ranks."""
         device, every = tensors[0].device, [*tensors, *along]
         flat = torch.cat([one.detach().to(device, torch.float32).reshape(-1) for one in every])
         with self._meeting():
-            dist.all_reduce(flat, group=self._group)
+            sum_under_way = dist.all_reduce(flat, group=self._group, async_op=True)
+        meanwhile()
+        with self._meeting():
+            sum_under_way.wait()
         flat[: sum(one.numel() for one in tensors)].div_(self.size)
         with torch.no_grad():
             for one, part in zip(every, torch.split(flat, [one.numel() for one in every]), strict=True):

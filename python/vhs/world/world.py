@@ -6,7 +6,7 @@ others has come.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Protocol
 
@@ -35,12 +35,19 @@ class World(Protocol):
         """
         ...
 
-    def average(self, tensors: Sequence[Tensor], along: Sequence[Tensor] = ()) -> None:
+    def average(
+        self,
+        tensors: Sequence[Tensor],
+        along: Sequence[Tensor] = (),
+        meanwhile: Callable[[], None] = lambda: None,
+    ) -> None:
         """Replace float tensors by their mean over the ranks, those of `along` by their sum, in one message.
 
         Args:
             tensors: of the same shapes on every rank, the first on the device that sums.
             along: the same, on any device; what passes between ranks is float32.
+            meanwhile: done while the message is under way, of the tensors as they were; not done by a process
+                alone.
 
         Raises:
             PeerError: a rank is gone.
@@ -96,7 +103,12 @@ class Alone(World):
         """The same."""
         return name
 
-    def average(self, tensors: Sequence[Tensor], along: Sequence[Tensor] = ()) -> None:
+    def average(
+        self,
+        tensors: Sequence[Tensor],
+        along: Sequence[Tensor] = (),
+        meanwhile: Callable[[], None] = lambda: None,
+    ) -> None:
         """Leave them as they are."""
 
     def share(self, data: bytes, most: int | None = None) -> list[bytes]:
