@@ -79,7 +79,9 @@ def _parser() -> argparse.ArgumentParser:
     _add_play(commands.add_parser("play", help="watch a trained agent, or drive the robot"))
     _add_report(commands.add_parser("report", help="write a page about a run, or about several"))
     _add_bench(
-        commands.add_parser("bench", help="measure how fast this machine steps the environments and trains")
+        commands.add_parser(
+            "bench", help="measure how fast this machine trains, where the time goes and what helps"
+        )
     )
     return parser
 
@@ -223,9 +225,9 @@ def _add_bench(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seconds",
         type=_positive,
-        default=10,
+        default=2,
         metavar="N",
-        help="of each measurement, after half as long to warm up (default: 10)",
+        help="of each of up to seven measurements, after a quarter as long to warm up (default: 2)",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=_bench)
@@ -424,7 +426,7 @@ def _bench(options: argparse.Namespace) -> int:
     from vhs.train.bench import bench
 
     config = load_config(options.config, options.set, task=options.task)
-    options.warn(f"measuring for {3 * options.seconds} seconds, and until a goal is reached")
+    options.warn(f"measuring for about {10 * options.seconds} seconds, and until a goal is reached")
     speed = bench(config, options.seconds)
     if options.json:
         options.say(json.dumps(asdict(speed)))
@@ -437,6 +439,12 @@ def _bench(options: argparse.Namespace) -> int:
     options.say(
         f"{config.train.episodes} episodes take about {speed.minutes:.0f} minutes, if they stay as long"
     )
+    parts = ", ".join(f"{part} {share:.0%}" for part, share in speed.shares.items())
+    options.say(f"of the time: {parts}")
+    for trial in speed.trials:
+        options.say(f"{trial.steps_per_s:7.0f} steps/s with {trial.said}")
+    for sentence in speed.advice:
+        options.say(sentence)
     return 0
 
 

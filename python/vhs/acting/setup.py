@@ -73,7 +73,7 @@ def learn_spec(config: Config, task: Task) -> TaskSpec:
     Raises:
         ArgumentError: a field of the task does not fit its environment; it is named.
     """
-    if _workers(config):
+    if workers_of(config):
         return try_task_apart(task, config.env.deadline_s)
     load_triton_first()  # the environment may open OpenGL, in the process that will make an optimiser
     return try_task(task)
@@ -86,7 +86,7 @@ def make_env(task: Task, spec: TaskSpec, *, rendering: bool = False) -> TaskEnv:
 
 def make_stepping(config: Config, task: Task, spec: TaskSpec, count: int) -> Stepping:
     """`count` environments, stepped in this process or in `env.num_workers` others."""
-    workers = _workers(config)
+    workers = workers_of(config)
     if not workers:
         return LocalStepping([make_env(task, spec) for _ in range(count)])
     from vhs.rollout import RolloutPool
@@ -151,7 +151,7 @@ def check_runnable(config: Config, task: Task | None = None) -> None:
     task = task or task_of(config)
     if task.goals is not None:
         check_goals(config, len(task.goals))
-    if config.env.num_workers and not _has_workers():
+    if config.env.num_workers and not has_workers():
         raise ConfigError(f"env.num_workers: expected 0 on {sys.platform}, found {config.env.num_workers}")
     try:
         torch.zeros((), device=pick_device(config.train.device))
@@ -240,12 +240,12 @@ def check_spec(config: Config, task: Task, spec: TaskSpec, *, is_own: bool = Fal
         )
 
 
-def _workers(config: Config) -> int:
+def workers_of(config: Config) -> int:
     """Processes that step the environments."""
-    return int(_has_workers()) if config.env.num_workers is None else config.env.num_workers
+    return int(has_workers()) if config.env.num_workers is None else config.env.num_workers
 
 
-def _has_workers() -> bool:
+def has_workers() -> bool:
     """Whether environments can be stepped in worker processes here."""
     return sys.platform.startswith("linux")
 
