@@ -17,6 +17,7 @@ ROOT = Path(__file__).parents[2]
 TASKS = sorted((ROOT / "examples" / "tasks").glob("*.py"))
 NEEDED = {
     "babyai": "minigrid",
+    "crafter_fetch": "crafter",
     "miniworld_sign": "miniworld",
     "pointmaze": "gymnasium_robotics",
     "vizdoom_fetch": "vizdoom",
