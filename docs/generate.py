@@ -23,6 +23,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "shipped agents": tables.shipped,
     "overlooked goals": tables.overlooked,
     "localisation": tables.localisation,
+    "imitated again": tables.replay,
     "profile": tables.profile,
 }
 _PART = re.compile(r"(<!-- generated: (.+?) -->\n).*?(<!-- end -->)", re.DOTALL)

@@ -63,13 +63,21 @@ def relabelling() -> Figure:
 
 def localisation() -> Figure:
     """Success over training, Task 2, with and without hindsight localisation."""
-    found = curves(load("localisation-2026-11.json"))
+    return _two(load("localisation-2026-11.json"), {"m1": "with localisation", "base": "without"})
+
+
+def replay() -> Figure:
+    """Success over training, Task 2, where what reached something is imitated once and again."""
+    records = load("localisation-2026-11.json") | load("replay-2026-11.json")
+    return _two(records, {"replay": "imitated again", "m1": "once"})
+
+
+def _two(records: dict[str, Any], names: dict[str, str]) -> Figure:
+    """Success over training of runs of two names."""
+    found = curves(records)
     figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
-    for name, shown, colour in (
-        ("m1", "with localisation", COLOURS["vhs"]),
-        ("base", "without", COLOURS["gdan"]),
-    ):
-        _band(axes, found[name], shown, colour)
+    for (name, shown), method in zip(names.items(), ("vhs", "gdan"), strict=True):
+        _band(axes, found[name], shown, COLOURS[method])
     _success(axes)
     axes.legend(loc="lower right")
     return figure
@@ -129,6 +137,7 @@ FIGURES = {
     "methods-short.svg": lambda: methods(SHORT),
     "relabelling.svg": relabelling,
     "localisation.svg": localisation,
+    "replay.svg": replay,
     "overlooked.svg": overlooked,
     "profile.svg": profile,
 }

@@ -9,15 +9,24 @@ from minigrid.core.constants import COLOR_NAMES
 
 import vhs
 
-GOALS = tuple(f"{colour} {kind}" for colour in COLOR_NAMES for kind in ("ball", "box", "key"))
-ACTIONS = ("turn left", "turn right", "forward", "pick up", "drop", "toggle", "done")
+KINDS = ("ball", "box", "key")
+GOALS = tuple(f"{colour} {kind}" for colour in COLOR_NAMES for kind in KINDS)
+KEYS = {"Left": 0, "Right": 1, "Up": 2}
+
+
+class Facing(gymnasium.Wrapper):
+    """Says whether the agent stands before a thing, which is all that going to it takes."""
+
+    def step(self, action):
+        *step, info = self.env.step(action)
+        thing = self.unwrapped.grid.get(*self.unwrapped.front_pos)
+        return *step, info | {"faces": thing is not None and thing.type in KINDS}
 
 
 def make(**kwargs):
     """The environment, whose observation is the agent's view as a picture, 7 x 7 cells of 4 x 4 pixels."""
-    return minigrid.wrappers.RGBImgPartialObsWrapper(
-        gymnasium.make("BabyAI-GoToLocal-v0", **kwargs), tile_size=4
-    )
+    env = Facing(gymnasium.make("BabyAI-GoToLocal-v0", **kwargs))
+    return minigrid.wrappers.RGBImgPartialObsWrapper(env, tile_size=4)
 
 
 def read(observation):
@@ -25,6 +34,8 @@ def read(observation):
     return vhs.Seen(observation["image"], label=GOALS.index(" ".join(observation["mission"].split()[-2:])))
 
 
-task = vhs.Task(
-    make=make, read=read, max_steps=64, goals=GOALS, actions=ACTIONS, keys={"Left": 0, "Right": 1, "Up": 2}
-)
+def touched(info):
+    return info["faces"]
+
+
+task = vhs.Task(make=make, read=read, touched=touched, max_steps=64, goals=GOALS, keys=KEYS)
