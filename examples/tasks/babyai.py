@@ -3,6 +3,8 @@
 vhs train --task examples/tasks/babyai.py --config examples/tasks/babyai.yaml --out runs/babyai
 """
 
+from operator import itemgetter
+
 import gymnasium
 import minigrid.wrappers  # minigrid registers the environments
 from minigrid.core.constants import COLOR_NAMES
@@ -34,8 +36,4 @@ def read(observation):
     return vhs.Seen(observation["image"], label=GOALS.index(" ".join(observation["mission"].split()[-2:])))
 
 
-def touched(info):
-    return info["faces"]
-
-
-task = vhs.Task(make=make, read=read, touched=touched, max_steps=64, goals=GOALS, keys=KEYS)
+task = vhs.Task(make=make, read=read, touched=itemgetter("faces"), max_steps=64, goals=GOALS, keys=KEYS)
