@@ -24,6 +24,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "overlooked goals": tables.overlooked,
     "localisation": tables.localisation,
     "imitated again": tables.replay,
+    "elsewhere": tables.elsewhere,
     "profile": tables.profile,
 }
 _PART = re.compile(r"(<!-- generated: (.+?) -->\n).*?(<!-- end -->)", re.DOTALL)

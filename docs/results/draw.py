@@ -18,6 +18,7 @@ from matplotlib.figure import Figure
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+from results import records
 from results.records import HERE, METHODS, TASKS, VARIANTS, Curve, curves, load
 from results.tables import LONG, SHORT
 from vhs.eval.paper import SUCCESS
@@ -68,16 +69,34 @@ def localisation() -> Figure:
 
 def replay() -> Figure:
     """Success over training, Task 2, where what reached something is imitated once and again."""
-    records = load("localisation-2026-11.json") | load("replay-2026-11.json")
-    return _two(records, {"replay": "imitated again", "m1": "once"})
+    found = load("localisation-2026-11.json") | load("replay-2026-11.json")
+    return _two(found, {"replay": "imitated again", "m1": "once"})
 
 
-def _two(records: dict[str, Any], names: dict[str, str]) -> Figure:
+def elsewhere() -> Figure:
+    """Success over minutes of a core, a panel an environment of others."""
+    found = records.elsewhere()
+    figure, panels = plt.subplots(2, 3, figsize=(12, 6.4), layout="constrained", sharey=True, sharex=True)
+    for (task, title), axes in zip(records.ELSEWHERE.items(), panels.flat, strict=True):
+        for colour, (method, shown) in zip(("vhs", "pg", "a3c", "gdan"), records.RIVALS.items(), strict=True):
+            runs = found.get((task, method), [])
+            for number, run in enumerate(runs):
+                label = None if number else shown
+                axes.plot(run[:, 0], _smooth(run[:, 1]), color=COLOURS[colour], linewidth=1.4, label=label)
+        axes.set(title=title, ylim=(0, 1), xlim=(0, None))
+        axes.yaxis.set_major_formatter(lambda y, _: f"{y:.0%}")
+    for axes in panels[-1]:
+        axes.set(xlabel="minutes of a core")
+    panels[0, 0].legend(loc="lower right")
+    return figure
+
+
+def _two(found: dict[str, Any], names: dict[str, str]) -> Figure:
     """Success over training of runs of two names."""
-    found = curves(records)
+    runs = curves(found)
     figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
     for (name, shown), method in zip(names.items(), ("vhs", "gdan"), strict=True):
-        _band(axes, found[name], shown, COLOURS[method])
+        _band(axes, runs[name], shown, COLOURS[method])
     _success(axes)
     axes.legend(loc="lower right")
     return figure
@@ -138,6 +157,7 @@ FIGURES = {
     "relabelling.svg": relabelling,
     "localisation.svg": localisation,
     "replay.svg": replay,
+    "elsewhere.svg": elsewhere,
     "overlooked.svg": overlooked,
     "profile.svg": profile,
 }

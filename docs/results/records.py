@@ -28,12 +28,39 @@ VARIANTS = {
 }
 """What is relabelled, as sweeps call it and as the pages do."""
 
+ELSEWHERE = {
+    "grid": "a grid of ours",
+    "babyai": "BabyAI-GoToLocal",
+    "miniworld_sign": "MiniWorld-Sign",
+    "pointmaze": "PointMaze",
+    "vizdoom_fetch": "ViZDoom",
+    "crafter_fetch": "Crafter",
+}
+"""Tasks of `examples/tasks` as pages call them."""
+RIVALS = {"vhs": "VHS", "pg": "PG", "a3c": "A3C", "recurrent_ppo": "recurrent PPO"}
+
 Curve = NDArray[np.float64]
 
 
 def load(name: str) -> Any:
     """The content of a file beside this script."""
     return json.loads((HERE / name).read_text(encoding="utf-8"))
+
+
+def elsewhere() -> dict[tuple[str, str], list[Curve]]:
+    """Of tasks of others, by task and method, a curve a seed: processor minutes, success, episodes."""
+    found: dict[tuple[str, str], list[Curve]] = defaultdict(list)
+    for run in load("elsewhere-2026-11.json")["runs"]:
+        rows = [[row["processor_s"] / 60, row["success"], row["episodes"]] for row in run["curve"]]
+        found[run["task"], run["method"]].append(np.array(rows, dtype=np.float64))
+    return found
+
+
+def at_the_end(curve: Curve, episodes: int = 500) -> float:
+    """Success of at least so many last episodes of a curve of `elsewhere`."""
+    counts = np.diff(curve[:, 2], prepend=0.0)
+    first = max(np.flatnonzero(np.cumsum(counts[::-1])[::-1] >= min(episodes, counts.sum())))
+    return float(np.average(curve[first:, 1], weights=counts[first:]))
 
 
 def curves(records: dict[str, Any]) -> dict[str, list[Curve]]:

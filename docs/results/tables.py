@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from results import records
 from results.records import METHODS, TASKS, VARIANTS, counted, curves, episodes_to, evaluations, load
 from vhs.eval.compare import WINDOW
 from vhs.eval.paper import REFERENCE_RATE, SUCCESS
@@ -94,24 +95,23 @@ def overlooked() -> str:
 
 def localisation() -> str:
     """With and without hindsight localisation: success on the way, and in rooms that training never saw."""
-    records = load("localisation-2026-11.json")
-    return _on_the_way(records, {"base": "without", "m1": "with"})
+    return _on_the_way(load("localisation-2026-11.json"), {"base": "without", "m1": "with"})
 
 
 def replay() -> str:
     """With and without episodes that are imitated again, likewise."""
-    records = load("localisation-2026-11.json") | load("replay-2026-11.json")
-    return _on_the_way(records, {"m1": "once", "replay": "again"})
+    found = load("localisation-2026-11.json") | load("replay-2026-11.json")
+    return _on_the_way(found, {"m1": "once", "replay": "again"})
 
 
-def _on_the_way(records: dict[str, Any], names: dict[str, str]) -> str:
+def _on_the_way(found: dict[str, Any], names: dict[str, str]) -> str:
     """Runs of 12,000 episodes, three seeds of each name: success before some marks, and afterwards."""
     marks = (3_000, 5_000, 7_000)
     rows = []
     for name, shown in (
         (f"{name}-seed{seed}", f"{shown}, seed {seed}") for seed in range(3) for name, shown in names.items()
     ):
-        run = records[name]
+        run = found[name]
         curve = curves({name: run})[name.rpartition("-seed")[0]]
         at = [_window(curve[0], mark) for mark in marks]
         ends = [
@@ -122,6 +122,22 @@ def _on_the_way(records: dict[str, Any], names: dict[str, str]) -> str:
         rows.append([shown, *at, _reached(REFERENCE_RATE, curve, 500), *(ends or [""])])
     head = ["", *(f"at {mark:,}" for mark in marks), "74.3 % at", "after 12,000, rooms of seed 9"]
     return _table(head, rows)
+
+
+def elsewhere() -> str:
+    """Ours and others on environments that nobody here wrote, after the same minutes of one core."""
+    found, rows = records.elsewhere(), []
+    for task, shown in records.ELSEWHERE.items():
+        cells = [shown]
+        for method in records.RIVALS:
+            runs = found.get((task, method), [])
+            ends = [records.at_the_end(run) for run in runs]
+            episodes = np.mean([run[-1, 2] for run in runs]) if runs else 0
+            spread = f" ± {100 * np.std(ends, ddof=1):.1f}" if len(ends) > 1 else ""
+            number = f"{100 * np.mean(ends):.1f}{spread} % ({len(ends)})" if ends else ""
+            cells.append(f"{number}, {episodes:,.0f}" if ends else "")
+        rows.append(cells)
+    return _table(["", *(f"{shown}, episodes" for shown in records.RIVALS.values())], rows)
 
 
 def profile() -> str:
