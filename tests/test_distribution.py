@@ -53,6 +53,26 @@ def test_a_shipped_agent_is_evaluated_by_its_name(
     assert "trained_episodes" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("arguments", "ours"),
+    [
+        (["eval", "task7"], "task1, task2, task3"),
+        (["train", "--config", "task7"], "paper, task1, task2"),
+        (["sweep", "qick"], "paper, quick, search"),
+    ],
+)
+def test_a_name_of_nothing_is_answered_with_those_that_there_are(
+    arguments: list[str],
+    ours: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) != 0
+    assert ours in capsys.readouterr().err
+
+
 def test_the_version_is_the_same_wherever_it_is_said() -> None:
     manifest = tomllib.loads((ROOT / "Cargo.toml").read_text(encoding="utf-8"))["workspace"]
     crates = {crate["version"] for crate in manifest["dependencies"].values() if "path" in crate}

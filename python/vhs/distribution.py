@@ -35,6 +35,24 @@ def find_agent(named: Path | str) -> Path:
     return _find(Path(named), [_PACKAGE / "pretrained"], "")
 
 
+def names_like(named: Path, folder: str) -> str:
+    """What a message about a bare name that nothing has may add: the names that files of ours have.
+
+    Args:
+        named: what a person wrote.
+        folder: `pretrained`, `configs` or `configs/sweeps`.
+    """
+    if named.exists() or len(named.parts) != 1 or named.suffix:
+        return ""
+    files = sorted((_PACKAGE / folder).iterdir())
+    names = [
+        file.stem
+        for file in files
+        if not file.name.startswith(".") and file.name not in ("sweeps", "algorithms")
+    ]
+    return f"; of ours there are {', '.join(names)}"
+
+
 def _find(path: Path, folders: Sequence[Path], suffix: str) -> Path:
     """What is at the path; where nothing is, and it is a bare name, the file of ours that has it."""
     if path.exists() or len(path.parts) != 1 or path.suffix:

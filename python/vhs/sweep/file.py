@@ -142,7 +142,8 @@ def read_sweep(path: Path, overrides: Iterable[str] = ()) -> Sweep:
     Raises:
         ConfigError: a file that cannot be read, an unknown key (the nearest one is named), a wrong value.
     """
-    tree, assigned = read_yaml(path), placed(dict(map(parse_assignment, overrides)), Path())
+    tree = read_yaml(path, like="configs/sweeps")
+    assigned = placed(dict(map(parse_assignment, overrides)), Path())
     if assigned and isinstance(tree.setdefault("set", {}), dict):
         tree["set"] |= assigned
     known = [*known_keys(Sweep), *known_keys(GridSection, "grids."), *known_keys(SearchSection, "search.")]
