@@ -76,7 +76,8 @@ def run(task: Path, method: str, seed: int, seconds: float) -> dict[str, Any]:
             marks.append(((time.monotonic() - start) / 60, used))
         process.send_signal(signal.SIGTERM)
         process.wait(120)
-        rows = [json.loads(line) for line in (folder / "log.jsonl").read_text().splitlines()]
+        log = folder / "log.jsonl"
+        rows = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
         if used < seconds or not rows:
             raise RuntimeError(f"{words}: ended after {used:.0f} s\n{(Path(scratch) / 'output').read_text()}")
     begun = marks[-1][0] - rows[-1]["time/minutes"]  # imports and the trial of the task come first

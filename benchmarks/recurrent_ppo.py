@@ -28,8 +28,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from vhs import Outcome
 from vhs.acting.environment import TaskEnv
-from vhs.acting.setup import make_env, task_of
-from vhs.acting.trial import try_task
+from vhs.acting.setup import learn_spec, make_env, task_of
 from vhs.config import Config, load_config
 from vhs.task import TaskSpec
 
@@ -131,7 +130,7 @@ class Rows(BaseCallback):
 def make_model(config: Config) -> RecurrentPPO:
     """PPO with an LSTM on the task of a configuration."""
     task = task_of(config)
-    spec, train = try_task(task), config.train
+    spec, train = learn_spec(config, task), config.train
 
     def make() -> Told:
         return Told(make_env(task, spec), spec, train.reward_scale)
@@ -171,7 +170,9 @@ def main() -> None:
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     SETTINGS.update({key: json.loads(value) for key, value in (pair.split("=") for pair in arguments.ppo)})
-    config = load_config(arguments.config, [f"seed={arguments.seed}"], task=arguments.task)
+    config = load_config(
+        arguments.config, [f"seed={arguments.seed}", "env.num_workers=0"], task=arguments.task
+    )
     model = make_model(config)
     model.learn(10**9, callback=Rows(arguments.out, arguments.every))
 
