@@ -40,7 +40,7 @@ SETTINGS: dict[str, Any] = {
     "gae_lambda": 0.95,
     "ent_coef": 0.01,
 }
-"""By trials on the grid; gamma, the scale of rewards and the number of environments are ours."""
+"""Beside these, gamma, the scale of rewards and the number of environments are ours."""
 
 
 class Told(gymnasium.Wrapper[Any, Any, Any, Any]):

@@ -81,13 +81,14 @@ def elsewhere() -> Figure:
         for colour, (method, shown) in zip(("vhs", "pg", "a3c", "gdan"), records.RIVALS.items(), strict=True):
             runs = found.get((task, method), [])
             for number, run in enumerate(runs):
-                label = None if number else shown
-                axes.plot(run[:, 0], _smooth(run[:, 1]), color=COLOURS[colour], linewidth=1.4, label=label)
+                style: dict[str, Any] = {"color": COLOURS[colour], "linewidth": 1.4}
+                style |= {"marker": "o"} if len(run) == 1 else {}  # one row makes no line
+                axes.plot(run[:, 0], _smooth(run[:, 1]), label=None if number else shown, **style)
         axes.set(title=title, ylim=(0, 1), xlim=(0, None))
         axes.yaxis.set_major_formatter(lambda y, _: f"{y:.0%}")
     for axes in panels[-1]:
         axes.set(xlabel="minutes of a core")
-    panels[0, 0].legend(loc="lower right")
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
     return figure
 
 
@@ -186,6 +187,8 @@ def _band(axes: Axes, runs: list[Curve], label: str, colour: str) -> None:
 
 def _smooth(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     """Mean over three rows; at the ends over two."""
+    if len(values) < 3:
+        return values
     sums = np.convolve(values, np.ones(3), mode="same")
     return sums / np.convolve(np.ones_like(values), np.ones(3), mode="same")
 
