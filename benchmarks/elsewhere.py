@@ -2,7 +2,7 @@
 
 Every run is a process that is stopped when it and its children have used so many seconds of a processor, so
 that other work on the machine slows a run down and does not shorten it. Success is that of the last episodes
-of training, sampled, each in a world that was never seen before.
+of training, actions sampled, each begun with a seed of its own.
 
     python benchmarks/elsewhere.py examples/tasks/grid --seconds 240 --seeds 3 --out elsewhere.json
 
