@@ -35,22 +35,17 @@ def find_agent(named: Path | str) -> Path:
     return _find(Path(named), [_PACKAGE / "pretrained"], "")
 
 
-def names_like(named: Path, folder: str) -> str:
-    """What a message about a bare name that nothing has may add: the names that files of ours have.
+def names_of_ours(named: Path, kind: str) -> str:
+    """What a message about a bare name of nothing may add: the names that there are.
 
     Args:
         named: what a person wrote.
-        folder: `pretrained`, `configs` or `configs/sweeps`.
+        kind: of files of ours, as a pattern in the package: ``configs/*.yaml``.
     """
     if named.exists() or len(named.parts) != 1 or named.suffix:
         return ""
-    files = sorted((_PACKAGE / folder).iterdir())
-    names = [
-        file.stem
-        for file in files
-        if not file.name.startswith(".") and file.name not in ("sweeps", "algorithms")
-    ]
-    return f"; of ours there are {', '.join(names)}"
+    names = sorted(file.stem for file in _PACKAGE.glob(kind))
+    return f"; of ours there are {', '.join(names)}" if names else ""
 
 
 def _find(path: Path, folders: Sequence[Path], suffix: str) -> Path:

@@ -12,7 +12,7 @@ from vhs import Outcome, Task
 from vhs.acting.actor import Actor
 from vhs.acting.episodes import EndedEpisode, Episodes, Running
 from vhs.acting.players import AgentPlayer, RandomPlayer
-from vhs.acting.replay import replay
+from vhs.acting.resume import play_again
 from vhs.acting.seeds import episode_seeds
 from vhs.acting.setup import make_env
 from vhs.acting.stepping import LocalStepping
@@ -150,7 +150,7 @@ def test_episodes_are_played_again_to_where_they_were() -> None:
     before = {stream: Running(**running.as_dict()) for stream, running in episodes.running.items()}
     assert {stream: len(running.actions) for stream, running in before.items()} == {0: 2, 2: 2}
     fresh = make_episodes([])
-    running, ended = replay(fresh.stepping, fresh.buffer, before)
+    running, ended = play_again(fresh.stepping, fresh.buffer, before)
     assert not ended
     assert {stream: again.as_dict() for stream, again in running.items()} == {
         stream: again.as_dict() for stream, again in before.items()
@@ -163,7 +163,7 @@ def test_an_environment_that_plays_otherwise_is_refused() -> None:
     other = Running(seed=4, goal=1, interaction=1, goal_embedding=None, actions=[0], values=[0.0])
     fresh = make_episodes([])
     with pytest.raises(CheckpointError, match="of seed 4 again: expected interaction 1, found 0"):
-        replay(fresh.stepping, fresh.buffer, {1: other})
+        play_again(fresh.stepping, fresh.buffer, {1: other})
 
 
 def test_chance_plays_without_an_agent() -> None:

@@ -1,6 +1,7 @@
 """Episodes that are imitated again: which are kept, as far as what, and what an update makes of them."""
 
 import copy
+import tempfile
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ import torch
 from vhs import EpisodeBatch, EpisodeBuffer, Outcome
 from vhs.acting.setup import learn_spec, settled, task_of
 from vhs.config import load_config
-from vhs.errors import ConfigError
+from vhs.errors import ConfigError, OutputError
+from vhs.learning.learner import reached_after
 from vhs.learning.replay import Replay, make_replay
 
 from .parts import fill_store, goals_for, make_buffer, play, small_learner
@@ -143,6 +145,27 @@ def test_a_learner_saves_what_it_keeps() -> None:
         one.update(joined, goals_for(batch))
     for name, value in learner.agent.state_dict().items():
         assert torch.equal(value, other.agent.state_dict()[name]), name
+
+
+@pytest.mark.parametrize("target", ["behaviour", "hindsight_return"])
+def test_what_reached_nothing_is_neither_imitated_nor_kept(target: str) -> None:
+    settings = ("method.relabel_on=[failure,timeout]", "method.relabel_probability=1.0")
+    replay = Replay(make_buffer(), 2, tuple(Outcome))
+    learner = small_learner(*settings, f"method.value_target={target}", replay=replay)
+    buffer, batch = played()
+    touched = np.array([3, 0, 0, 2])
+    for _ in range(2):
+        joined = buffer.gather(batch.ids, also=replay.draw())
+        assert learner.update(joined, goals_for(batch), touched)["relabelled"] == 0.5, "both failures"
+        replay.collect(buffer, joined, 4, reached_after(joined, touched))
+    assert kept(replay).lengths.tolist() == [3, 4, 2] * 2
+
+
+def test_a_directory_that_cannot_hold_what_is_kept_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    replay = Replay(make_buffer(), 2, REACHING)
+    monkeypatch.setattr(tempfile, "tempdir", "/dev/null/nowhere")
+    with pytest.raises(OutputError, match=r"/dev/null/nowhere: expected room .* TMPDIR names another"):
+        replay.state_dict()
 
 
 @pytest.mark.parametrize(

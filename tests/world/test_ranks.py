@@ -80,6 +80,7 @@ def test_another_number_of_processes_goes_on_and_says_what_changed(straight: Pat
     alone = debug_config("env.num_workers=0", "env.num_envs=3", "train.episodes=60", "train.log_every=24")
     assert train(alone, run, told)
     assert "1 process instead of 2: dropped " in told.getvalue()
+    assert "; kept episodes are those of the first process\n" in told.getvalue()
     state = state_of(run)
     used = state_of(straight)
     assert "ranks" not in state

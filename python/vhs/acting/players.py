@@ -1,4 +1,4 @@
-"""Who chooses the actions of episodes: the agent or chance; `vhs.acting.replay` plays them once more."""
+"""Who chooses the actions of episodes: the agent or chance; `vhs.acting.resume` plays them once more."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from pydantic_core import ErrorDetails
 from vhs.config.schema import BEFORE, GONE, Config, idle_keys, unread_keys
 from vhs.config.task import TAGS, TaskSection, placed
 from vhs.config.yaml12 import dump_yaml, parse_yaml
-from vhs.distribution import find_config, names_like
+from vhs.distribution import find_config, names_of_ours
 from vhs.errors import ConfigError
 from vhs.reading import read_bounded
 
@@ -132,8 +132,13 @@ def dump_config(config: Config) -> str:
     return dump_yaml(_without(config.model_dump(mode="json"), unread))
 
 
-def read_yaml(path: Path, *, may_be_pipe: bool = True, like: str = "configs") -> dict[str, Any]:
-    """A YAML file that holds a mapping; `may_be_pipe` as for `load_config`, `like` as for `names_like`.
+def read_yaml(path: Path, *, may_be_pipe: bool = True, like: str = "configs/*.yaml") -> dict[str, Any]:
+    """A YAML file that holds a mapping.
+
+    Args:
+        path: of the file.
+        may_be_pipe: as for `load_config`.
+        like: which of ours are named where there is none: the `kind` of `names_of_ours`.
 
     Raises:
         ConfigError: it cannot be read, or holds something else.
@@ -141,7 +146,7 @@ def read_yaml(path: Path, *, may_be_pipe: bool = True, like: str = "configs") ->
     try:
         tree = parse_yaml(read_bounded(path, MOST_BYTES, may_be_pipe=may_be_pipe).decode())
     except OSError as error:
-        ours = names_like(path, like)
+        ours = names_of_ours(path, like)
         raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}{ours}") from error
     except (yaml.YAMLError, ValueError) as error:
         raise ConfigError(f"{path}: expected YAML, found {error}") from error

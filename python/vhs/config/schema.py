@@ -147,7 +147,8 @@ class MethodSection(_Section):
     vhs_weight: Annotated[NonNegativeFloat, _IMITATION] = 1.0
     """Weight of the self-imitation loss, of kept episodes too (paper: beta, no number given)."""
     replay_ratio: Annotated[NonNegativeInt, _REPLAY] = 2
-    """Kept episodes that are imitated again for each that an update learns from (the paper has none)."""
+    """Kept episodes that are imitated again for each that an update learns from (the paper has none); 0
+    unless given where words name goals."""
     replay_capacity: Annotated[PositiveInt, _REPLAY] = 5_000
     """Steps kept, in each process, of episodes that reached something, for one episode at least; the oldest
     leave first."""
@@ -242,7 +243,8 @@ class TrainSection(_Section):
     """Episodes between two films of an episode and pictures of stored goals, for `media/` and the loggers;
     null makes none."""
     keep_checkpoints: PositiveInt = 2
-    """Newest checkpoints that are kept, each a few MB beside the goal store."""
+    """Newest checkpoints that are kept, each a few MB beside the goal store and the episodes that are
+    imitated again; these two are 100 MB each in a room."""
     peer_timeout_s: PositiveFloat = 300.0
     """Seconds that a process waits for the others of its training before it takes them for gone; more than an
     environment may take (`env.deadline_s`). One that died is noticed at once."""

@@ -3,7 +3,7 @@
 A rank's share of an update embeds every image that it needs - episodes and goal images - in one pass of the
 extractor, so that the batch norm normalises f(o_T) and the features behind the prototypes alike, and runs the
 LSTM once over the episodes as they happened and, under the goal that they reached, over those that are
-relabelled. One optimiser step follows from the mean of the shares' gradients.
+relabelled and some kept from before. One optimiser step follows from the mean of the shares' gradients.
 """
 
 from __future__ import annotations
@@ -434,7 +434,7 @@ class Learner:
             self.replay.load_state_dict(state["replay"])
 
     def own_state(self) -> dict[str, Any]:
-        """What a rank draws with, and prototypes, which are its own where it draws their images."""
+        """What a rank draws with, and keeps; prototypes are its own where it draws their images."""
         return {
             "rng": torch.from_numpy(self.rng.state),
             "images": torch.from_numpy(self.goals.store.rng_state),

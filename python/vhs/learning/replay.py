@@ -9,7 +9,8 @@ Learning", for returns; here for goals in hindsight).
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from torch import Tensor
 from vhs import EpisodeBatch, EpisodeBuffer, Outcome
 from vhs.buffer import make_buffer
 from vhs.config import Config
+from vhs.errors import OutputError
 from vhs.task import TaskSpec
 
 
@@ -39,10 +41,6 @@ class Replay:
         self._num_episodes = num_episodes
         self.outcomes = tuple(outcomes)
         """Of episodes that reached something."""
-
-    def __len__(self) -> int:
-        """Episodes kept."""
-        return len(self._buffer)
 
     def draw(self) -> tuple[EpisodeBuffer, NDArray[np.int64]] | None:
         """Episodes for an update, as `EpisodeBuffer.gather` takes them; None before there are so many."""
@@ -68,16 +66,18 @@ class Replay:
         self._buffer.collect(buffer, batch.ids[:count][is_kept], steps=lengths[is_kept])
 
     def state_dict(self) -> dict[str, Tensor]:
-        """The episodes and the generator, as a file of `EpisodeBuffer.save`."""
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / "episodes.vhs"
+        """The episodes and the generator, as a file of `EpisodeBuffer.save`.
+
+        Raises:
+            OutputError: the directory of temporary files cannot hold it.
+        """
+        with _scratch() as file:
             self._buffer.save(file)
             return {"file": torch.from_numpy(np.fromfile(file, np.uint8))}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Return to a state that `state_dict` gave."""
-        with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / "episodes.vhs"
+        """Return to a state that `state_dict` gave; it raises the same."""
+        with _scratch() as file:
             state["file"].numpy().tofile(file)
             self._buffer = EpisodeBuffer.load(file)
 
@@ -102,3 +102,16 @@ def make_replay(config: Config, spec: TaskSpec, share: int) -> Replay | None:
         seed=config.seed,
     )
     return Replay(buffer, method.replay_ratio * share, outcomes)
+
+
+@contextmanager
+def _scratch() -> Iterator[Path]:
+    """A file for a moment: buffers are saved to files, and a checkpoint takes tensors."""
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            yield Path(folder) / "episodes.vhs"
+    except OSError as error:
+        raise OutputError(
+            f"{tempfile.gettempdir()}: expected room for the episodes that are imitated again, found "
+            f"{error.strerror or error}; TMPDIR names another directory"
+        ) from error

@@ -1,11 +1,11 @@
 """Checkpoints: complete or absent, the newest complete one counts, and none is read that has changed.
 
 A checkpoint is a directory ``checkpoints/episode-000012345`` with `state.json` and `state.safetensors`
-(weights, optimiser, prototypes, generators, counters, and what rebuilds the episodes under way:
-`vhs.acting.replay`), `goals.vhs` (the goal store) and, written last, `manifest.json`, which has the SHA-256
-of each of them. It appears under its name when it is whole, and loses that name before a file of it is
-removed, so a kill at any moment leaves whole checkpoints and perhaps temporary names. Other names are not
-ours.
+(weights, optimiser, prototypes, kept episodes, generators, counters, and what rebuilds the episodes under
+way: `vhs.acting.resume`), `goals.vhs` (the goal store) and, written last, `manifest.json`, which has the
+SHA-256 of each of them. It appears under its name when it is whole, and loses that name before a file of it
+is removed, so a kill at any moment leaves whole checkpoints and perhaps temporary names. Other names are
+not ours.
 """
 
 from __future__ import annotations

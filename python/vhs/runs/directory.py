@@ -19,7 +19,7 @@ from vhs.config import Config, dump_config, load_config
 from vhs.config.schema import DECIDED_BY_TASK, unread_keys
 from vhs.config.task import file_of
 from vhs.config.variants import differing_keys, flat_config
-from vhs.distribution import names_like
+from vhs.distribution import names_of_ours
 from vhs.errors import CheckpointError, ConfigError
 from vhs.reading import read_bounded
 from vhs.runs.checkpoint import has_checkpoint, newest_checkpoint, remove_partial_checkpoints
@@ -147,7 +147,7 @@ def read_config(run: Path) -> Config:
     """
     path = run / CONFIG_NAME
     if not path.exists():
-        ours = names_like(run, "pretrained")
+        ours = names_of_ours(run, "pretrained/*")
         raise CheckpointError(f"{run}: expected the directory of a run, found no {CONFIG_NAME} in it{ours}")
     try:
         return load_config([path], may_be_pipe=False)

@@ -142,7 +142,7 @@ def read_sweep(path: Path, overrides: Iterable[str] = ()) -> Sweep:
     Raises:
         ConfigError: a file that cannot be read, an unknown key (the nearest one is named), a wrong value.
     """
-    tree = read_yaml(path, like="configs/sweeps")
+    tree = read_yaml(path, like="configs/sweeps/*.yaml")
     assigned = placed(dict(map(parse_assignment, overrides)), Path())
     if assigned and isinstance(tree.setdefault("set", {}), dict):
         tree["set"] |= assigned

@@ -113,9 +113,10 @@ def _say_how_it_begins(session: Session, run: Path, task: Task, log: Log, world:
     if session.progress.episodes:
         log.say(f"resuming {run} at episode {session.progress.episodes}")
     if before not in (0, now):
+        kept = "; kept episodes are those of the first process" if session.keeps_episodes else ""
         log.say(
             f"{now} process{'es' if now > 1 else ''} instead of {before}: dropped {session.dropped} episodes "
-            "that were under way; an update has as many episodes as before, in other shares"
+            f"that were under way; an update has as many episodes as before, in other shares{kept}"
         )
     elif session.dropped:
         log.say(f"dropped {session.dropped} episodes that were under way: {task.name} cannot repeat them")

@@ -21,7 +21,7 @@ import torch
 from vhs.acting.actor import Actor
 from vhs.acting.episodes import EndedEpisode, Episodes
 from vhs.acting.players import AgentPlayer
-from vhs.acting.replay import count_episodes, episodes_state, resume_episodes
+from vhs.acting.resume import count_episodes, episodes_state, resume_episodes
 from vhs.acting.seeds import episode_seeds, own_seed
 from vhs.acting.setup import check_spec, learn_spec, make_buffer, make_stepping, settled, task_of
 from vhs.config import Config
@@ -141,6 +141,11 @@ class Session:
         return list(self._learner.agent.parameters())
 
     @property
+    def keeps_episodes(self) -> bool:
+        """Whether the method imitates episodes again."""
+        return self._learner.replay is not None
+
+    @property
     def num_waiting(self) -> int:
         """Episodes that have ended and wait to be learned from."""
         return len(self._waiting)
@@ -167,7 +172,7 @@ class Session:
     def advance(self, log: Log) -> None:
         """One update where a whole group of episodes is waiting, one step of every environment otherwise.
 
-        Between two calls the run can be saved: see `vhs.acting.replay`.
+        Between two calls the run can be saved: see `vhs.acting.resume`.
         """
         if len(self._waiting) < self._share:
             self._step()
@@ -350,14 +355,14 @@ class Session:
         rank, is_same = self._world.rank, len(saved) == self._world.size
         states = [own["episodes"] for own in saved]
         if is_same and self._task.replayable:
-            self._replay(states[rank])
+            self._resume(states[rank])
             return
         self.dropped = sum(map(count_episodes, states))
         ours = [states[rank]] if is_same else states[: len(states) if rank == 0 else 0]
         self._episodes.cut = sum(int(state["rollout"]["cut"]) for state in ours)
         self._episodes.start()
 
-    def _replay(self, state: Mapping[str, Any]) -> None:
+    def _resume(self, state: Mapping[str, Any]) -> None:
         """Bring the waiting and running episodes back."""
         try:
             with fitting(self._run):

@@ -12,12 +12,13 @@ one update). At that moment every episode that has begun is one of
 Where a task says that its episodes cannot be repeated, and where another number of ranks goes on, the last
 three are dropped instead.
 
-No frames are saved. An environment repeats an episode bit for bit from its seed and its actions, so waiting
-and running episodes are played again, which fills the episode buffer and brings the environments to where
-they were. What they cannot repeat is saved: critic's values, goal embeddings, LSTM states, actions under way.
-With the learner (weights, optimiser, prototypes, goal store, their generators), the generator of the actions
-and the number of seeds used, that is everything that the next move reads. In lock-step the continued run is
-therefore the uninterrupted one, bit for bit, on the same machine, software and number of torch's threads.
+No frames of these are saved. An environment repeats an episode bit for bit from its seed and its actions,
+so waiting and running episodes are played again, which fills the episode buffer and brings the environments
+to where they were. What they cannot repeat is saved: critic's values, goal embeddings, LSTM states, actions
+under way. With the learner (weights, optimiser, prototypes, goal store, kept episodes, their generators),
+the generator of the actions and the number of seeds used, that is everything that the next move reads. In
+lock-step the continued run is therefore the uninterrupted one, bit for bit, on the same machine, software
+and number of torch's threads.
 """
 
 from __future__ import annotations
@@ -72,14 +73,14 @@ def resume_episodes(
     for first in range(0, len(records), buffer.num_streams):
         group = records[first : first + buffer.num_streams]
         played = dict(enumerate(_running(record["played"], device) for record in group))
-        _, ended = replay(stepping, buffer, played)
+        _, ended = play_again(stepping, buffer, played)
         for stream, record in enumerate(group):
             expected, found = Outcome(record["outcome"]), ended.get(stream)
             if found is None or found.outcome != expected:
                 raise _otherwise(played[stream].seed, f"a {expected.name.lower()}", _name(found))
             waiting.append(found)
     running = {stream: _running(fields, device) for stream, fields in saved["running"].items()}
-    _, ended = replay(stepping, buffer, running)
+    _, ended = play_again(stepping, buffer, running)
     for stream, found in ended.items():
         raise _otherwise(running[stream].seed, "no end yet", _name(found))
     actor.load_state_dict(saved["actor"])
@@ -93,7 +94,7 @@ def count_episodes(state: Mapping[str, Any]) -> int:
     return len(state["waiting"]) + len(saved["running"]) + len(saved["beginning"])
 
 
-def replay(
+def play_again(
     stepping: Stepping, buffer: EpisodeBuffer, episodes: Mapping[int, Running]
 ) -> tuple[Mapping[int, Running], dict[int, EndedEpisode]]:
     """Play episodes again, each in the stream that it is given for, up to its last answered action.
