@@ -122,7 +122,7 @@ def test_a_process_of_two_trains_for_some_updates_and_tells_their_speed(
     assert found.steps_per_s > 0
 
 
-def test_processes_that_fail_are_no_trial(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_processes_that_fail_end_nothing_and_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     def launch(*_: object) -> Callable[..., object]:
         def fails(*_: object) -> object:
             raise ChildFailedError("rank", {0: ProcessFailure(0, 1, 1, "no file")})
@@ -130,7 +130,10 @@ def test_processes_that_fail_are_no_trial(monkeypatch: pytest.MonkeyPatch) -> No
         return fails
 
     monkeypatch.setattr(trials, "elastic_launch", launch)
-    assert try_processes(debug_config("train.episodes_per_update=2"), 2) == []
+    tried = try_processes(debug_config("train.episodes_per_update=2"), 2)
+    assert tried == [Trial("--processes 2 --set env.num_workers=0", 0.0)]
+    said = advice({"learning": 1.0}, Measured(100.0, 100.0, 100.0), tried)
+    assert said[-1] == "--processes 2 --set env.num_workers=0 could not train here"
 
 
 def test_what_two_processes_cannot_share_is_not_tried() -> None:

@@ -42,6 +42,7 @@ class Trial(NamedTuple):
 
     said: str
     steps_per_s: float
+    """0 where it could not train."""
 
 
 class Measured(NamedTuple):
@@ -77,7 +78,7 @@ def _setting(config: Config, section: str, **values: Any) -> Setting:
 
 
 def try_processes(config: Config, updates: int) -> list[Trial]:
-    """Train as two processes that step their environments themselves; nothing where they cannot.
+    """Train as two processes that step their environments themselves; nothing where that makes no sense.
 
     Args:
         config: of one process.
@@ -91,8 +92,8 @@ def try_processes(config: Config, updates: int) -> list[Trial]:
         found: dict[int, float] = elastic_launch(one_machine(_PROCESSES), _train_as_rank)(
             setting.config, updates
         )
-    except ChildFailedError:  # a task that cannot be told to another process; nobody asked for two
-        return []
+    except ChildFailedError:  # nobody asked for two, so that it ends nothing
+        found = {0: 0.0}
     return [Trial(f"--processes {_PROCESSES} {setting.said}", found[0])]
 
 
@@ -130,6 +131,7 @@ def advice(shares: Mapping[str, float], own: Measured, trials: Sequence[Trial]) 
     said += [f"{name} is {gain:.2f} times as fast" for gain, name in better]
     if not better:
         said.append(f"nothing that was tried is faster by more than {least - 1:.0%}")
+    said += [f"{trial.said} could not train here" for trial in trials if not trial.steps_per_s]
     if own.noise > _MOST_NOISE:
         said.append(
             f"two measurements of the same differ by {own.noise:.0%}: measure again when this machine has "
