@@ -1,5 +1,6 @@
 """Environments whose every byte can be checked, and some that misbehave. Importable by spawned processes."""
 
+import gc
 import os
 import signal
 import time
@@ -11,6 +12,12 @@ import numpy as np
 
 SIZE = 20_000
 """Large enough that a torn observation would show."""
+
+
+def open_descriptors() -> int:
+    """How many descriptors this process has open, without those of garbage that earlier tests left."""
+    gc.collect()
+    return len(os.listdir("/proc/self/fd"))
 
 
 def length_of(seed: int) -> int:

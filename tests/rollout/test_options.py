@@ -1,13 +1,12 @@
 """Settings out of range, or of another type, are refused by a sentence before anything is made."""
 
 import math
-import os
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from rollout_envs import Ledger
+from rollout_envs import Ledger, open_descriptors
 
 from vhs import ArgumentError, DtypeError
 from vhs.rollout import RolloutPool
@@ -42,10 +41,10 @@ pytestmark = pytest.mark.slow
     ],
 )
 def test_a_setting_is_checked(name: str, value: Any, message: str) -> None:
-    descriptors = len(os.listdir("/proc/self/fd"))
+    descriptors = open_descriptors()
     with pytest.raises((ArgumentError, DtypeError), match=message):
         RolloutPool(**{"env_fn": Ledger, "num_workers": 1, name: value})
-    assert len(os.listdir("/proc/self/fd")) == descriptors
+    assert open_descriptors() == descriptors
 
 
 def test_numpys_numbers_will_do() -> None:

@@ -11,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from rollout_envs import Floats, Ledger, length_of
+from rollout_envs import Floats, Ledger, length_of, open_descriptors
 
 import vhs
 from vhs import ArgumentError, DtypeError, LabelError, ProtocolError, ShapeError
@@ -349,8 +349,7 @@ def test_a_timeout_loses_nothing() -> None:
 
 
 def test_close_ends_everything_and_may_be_repeated() -> None:
-    gc.collect()
-    descriptors = len(os.listdir("/proc/self/fd"))
+    descriptors = open_descriptors()
     pool = RolloutPool(Ledger, 3, 1, seed=0)
     pool.reset()
     batch = pool.recv()
@@ -363,8 +362,7 @@ def test_close_ends_everything_and_may_be_repeated() -> None:
         pool.send([0, 0, 0])
     assert (batch.observation["bytes"][0] == batch.observation["bytes"][0, 0]).all(), "batches stay"
     del pool, batch
-    gc.collect()
-    assert len(os.listdir("/proc/self/fd")) == descriptors
+    assert open_descriptors() == descriptors
 
 
 def test_a_forgotten_pool_ends_its_workers() -> None:

@@ -17,7 +17,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from rollout_envs import Ledger
+from rollout_envs import Ledger, open_descriptors
 
 from vhs import ArgumentError
 from vhs.rollout import PoolClosedError, RolloutPool, WorkerError
@@ -242,7 +242,7 @@ def test_cores_are_given_where_they_fit_or_pin_insists(monkeypatch: pytest.Monke
 
 
 def test_too_few_descriptors_are_said_and_none_is_left_open() -> None:
-    before = len(os.listdir("/proc/self/fd"))
+    before = open_descriptors()
     limits = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (before + 20, limits[1]))
     try:
@@ -251,15 +251,15 @@ def test_too_few_descriptors_are_said_and_none_is_left_open() -> None:
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, limits)
     assert caught.value.errno == 24
-    assert len(os.listdir("/proc/self/fd")) == before
+    assert open_descriptors() == before
 
 
 def test_a_pool_needs_no_more_descriptors_than_it_asks_for() -> None:
-    before = len(os.listdir("/proc/self/fd"))
+    before = open_descriptors()
     with RolloutPool(Ledger, 4) as pool:
         pool.reset()
         pool.recv()
-        assert len(os.listdir("/proc/self/fd")) - before <= 28 - 4
+        assert open_descriptors() - before <= 28 - 4
 
 
 def test_an_ignored_sigchld_is_said() -> None:
