@@ -37,7 +37,7 @@ def watch(trained: Policy, episodes: int, seed: int, greedy: bool) -> list[dict[
     seeds = islice(episode_seeds(seed, purpose=1), episodes)
     played = Episodes(LocalStepping(envs), trained.player(buffer, seed, greedy), buffer, seeds)
     played.start()
-    room: RoomEnv = trained.task.make().unwrapped  # type: ignore[assignment]
+    room: RoomEnv = trained.task.new_env().unwrapped  # type: ignore[assignment]
     visible = Visible(room)
     records = []
     while not played.is_done:

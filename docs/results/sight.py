@@ -46,7 +46,7 @@ class Views(NamedTuple):
 
 def look_around(trained: Policy, rooms: int, seed: int) -> list[Views]:
     """Views of a random walk through each room."""
-    env = trained.task.make()
+    env = trained.task.new_env()
     room: RoomEnv = env.unwrapped  # type: ignore[assignment]
     visible, rng = Visible(room), np.random.default_rng(seed)
     stack = trained.config.model.frame_stack
