@@ -10,6 +10,7 @@ open.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 OBJECT_NAMES = ("mustard", "barbecue_sauce", "salad_dressing", "orange_juice", "milk")
@@ -69,6 +70,9 @@ class RoomConfig:
     # Episode.
     horizon_steps: int = 20
     """Steps until the episode is cut off (chosen)."""
+    goals: Sequence[str] = OBJECT_NAMES
+    """Names of the objects that instructions ask for, all unless given; the others stand in the room all the
+    same. Kept as a tuple, in order of the class labels."""
 
     # Movement.
     stride_m: float = 0.5
@@ -121,7 +125,8 @@ class RoomConfig:
     """Natural frequency of the base servos; stiffness is inertia times its square, about 1e5 N/m (chosen)."""
 
     def __post_init__(self) -> None:
-        """Refuse numbers that cannot make a room."""
+        """Refuse numbers that cannot make a room, and goals that are not in it."""
+        object.__setattr__(self, "goals", _in_order(self.goals))
         self._check_signs()
         self._check_geometry()
         self.physics_steps_per_action  # noqa: B018  raises when the two time steps do not fit
@@ -129,6 +134,8 @@ class RoomConfig:
     def _check_signs(self) -> None:
         """Everything but the rewards is a positive, finite number; rewards are finite; counts are whole."""
         for field in fields(self):
+            if field.name == "goals":
+                continue
             value = getattr(self, field.name)
             expected = "an int" if field.type == "int" else "a number"
             if isinstance(value, bool) or not isinstance(
@@ -179,3 +186,18 @@ class RoomConfig:
     def half_side_m(self) -> float:
         """Distance from the room's centre to each wall."""
         return self.room_side_m / 2
+
+    @property
+    def goal_labels(self) -> tuple[int, ...]:
+        """Class labels of `goals`."""
+        return tuple(map(OBJECT_NAMES.index, self.goals))
+
+
+def _in_order(goals: object) -> tuple[str, ...]:
+    """Names of objects in order of their labels; an error unless they are that, each once, and one at least."""
+    if isinstance(goals, str) or not isinstance(goals, Sequence):
+        raise TypeError(f"goals: expected a list of names, found {goals!r}")
+    given = list(goals)
+    if not given or any(name not in OBJECT_NAMES or given.count(name) > 1 for name in given):
+        raise ValueError(f"goals: expected some of {', '.join(OBJECT_NAMES)}, each once, found {given}")
+    return tuple(name for name in OBJECT_NAMES if name in given)

@@ -103,7 +103,8 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
 
         Args:
             seed: seeds the environment's generator; None goes on with the present one.
-            options: `goal` (class label) and `interaction` fix the instruction; it is drawn otherwise.
+            options: `goal` (any class label) and `interaction` fix the instruction; it is drawn otherwise,
+                the goal of `RoomConfig.goals`.
 
         Returns:
             First observation, and an empty info.
@@ -112,10 +113,11 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         super().reset(seed=seed)
         # All draws are made whatever the options say, so that fixing the goal does not change the room.
         poses = sample_layout(self._room, self.config, self.np_random)
-        heading, goal, interaction = self.np_random.integers(
-            (HEADINGS, len(OBJECT_NAMES), self._num_interactions)
+        asked = self.config.goal_labels
+        heading, drawn, interaction = self.np_random.integers(
+            (HEADINGS, len(asked), self._num_interactions)
         ).tolist()
-        self._goal = instruction.get("goal", goal)
+        self._goal = instruction.get("goal", asked[drawn])
         self._interaction = instruction.get("interaction", interaction)
         self.arrange(Pose(0.0, 0.0, heading), poses)
         return self._observe(), {}
