@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from vhs import LabelError, ShapeError
 from vhs.acting.policy import load_agent
 from vhs.config import load_config
 from vhs.errors import CheckpointError
@@ -56,3 +57,24 @@ def test_a_picture_is_asked_for_by_its_features(run: Path) -> None:
     features = policy.embed(pictures)
     assert (features.shape, features.dtype, features.requires_grad) == ((2, 32), torch.float32, False)
     assert torch.equal(features, policy.agent.extractor(torch.from_numpy(pictures)))
+
+
+def test_a_goal_is_shown_by_name_in_frames_or_observations(run: Path) -> None:
+    """A frame is seen twice, as what an agent sees that stands still."""
+    policy, other = load_agent(run), load_agent(run)
+    frames = np.random.default_rng(0).integers(0, 256, (3, 84, 84, 3), dtype=np.uint8)
+    policy.show("milk", frames)
+    other.show(4, np.concatenate([frames, frames], axis=-1))
+    found = policy.goals.begin(4)
+    stacks = torch.from_numpy(np.stack([frames, frames], axis=1))
+    with torch.inference_mode():
+        torch.testing.assert_close(found, policy.agent.extractor(stacks, policy.dtype).mean(dim=0))
+    assert torch.equal(found, other.goals.begin(4))
+
+
+def test_a_goal_that_is_none_and_pictures_of_another_size_are_sentences(run: Path) -> None:
+    policy = load_agent(run)
+    with pytest.raises(LabelError, match=r"show: expected a goal of task task2 \(mustard, .*\), found tea"):
+        policy.show("tea", np.zeros((1, 84, 84, 3), np.uint8))
+    with pytest.raises(ShapeError, match=r"\[n, 84, 84, 6\], n at least 1, found \[1, 64, 64, 3\]"):
+        policy.show("milk", np.zeros((1, 64, 64, 3), np.uint8))

@@ -83,3 +83,22 @@ def test_what_is_no_number_is_refused_by_name(name: str, value: object, expected
 def test_counts_must_be_integers() -> None:
     with pytest.raises(TypeError, match=r"horizon_steps: expected an int, found 20\.5"):
         RoomConfig(horizon_steps=20.5)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("goals", [["milk", "mustard"], ("mustard", "milk")])
+def test_goals_are_names_in_order_of_the_labels(goals: list[str]) -> None:
+    config = RoomConfig(goals=goals)
+    assert (config.goals, config.goal_labels) == (("mustard", "milk"), (0, 4))
+    assert config == RoomConfig(goals=("mustard", "milk"))
+
+
+@pytest.mark.parametrize("goals", [[], ["tea"], ["milk", "milk"], [4]])
+def test_goals_that_are_not_in_the_room_are_refused(goals: list[str]) -> None:
+    with pytest.raises(ValueError, match=r"^goals: expected some of mustard, .* milk, each once, found \["):
+        RoomConfig(goals=goals)
+
+
+@pytest.mark.parametrize("goals", ["milk", 4, None])
+def test_goals_are_a_list(goals: object) -> None:
+    with pytest.raises(TypeError, match=r"^goals: expected a list of names, found "):
+        RoomConfig(goals=goals)  # type: ignore[arg-type]

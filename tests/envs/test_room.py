@@ -21,6 +21,7 @@ from vhs.envs.config import (
     OBJECT_NAV,
     TURN_LEFT,
     TURN_RIGHT,
+    RoomConfig,
 )
 from vhs.envs.kinematics import Pose
 from vhs.envs.scene import ObjectPose
@@ -248,6 +249,18 @@ def test_a_fixed_instruction_leaves_the_room_as_it_is() -> None:
         assert (observation["goal"], observation["interaction"]) == (goal, 1)
         assert (env.goal, env.interaction) == (goal, 1)
         assert (env.world.object_poses, env.world.start_pose) == (poses, start)
+
+
+def test_only_goals_are_asked_for_in_the_same_rooms() -> None:
+    env = blind(INTERACTIVE_OBJECT_NAV)
+    some = RoomEnv(INTERACTIVE_OBJECT_NAV, RoomConfig(goals=("barbecue_sauce", "milk")), renderer="none")
+    asked = set()
+    for seed in range(20):
+        env.reset(seed=seed)
+        asked.add(int(some.reset(seed=seed)[0]["goal"]))
+        assert some.world.object_poses == env.world.object_poses
+    assert asked == {1, 4}
+    assert some.reset(seed=0, options={"goal": 0})[0]["goal"] == 0
 
 
 def test_environments_share_the_model_but_not_the_state() -> None:

@@ -5,8 +5,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from debug import debug_config
 
+from vhs.acting.policy import load_agent
+from vhs.envs.task import load_room
 from vhs.errors import CheckpointError
 from vhs.eval import evaluate
 from vhs.eval.evaluate import success_weighted_by_path_length
@@ -41,3 +44,16 @@ def test_a_run_with_a_damaged_configuration_is_a_clear_error(tmp_path: Path) -> 
     (tmp_path / "config.yaml").write_text("task: task9\n")
     with pytest.raises(CheckpointError, match=r"config.yaml: damaged configuration: task: expected"):
         evaluate(tmp_path)
+
+
+def test_an_agent_is_shown_an_object_and_asked_for_it_alone(tmp_path: Path) -> None:
+    """What is asked for is the task's, what names it the pictures': the same agent, other episodes."""
+    train(debug_config("train.episodes=4", "env.room.goals=[mustard]"), tmp_path / "run", StringIO())
+    agent = load_agent(tmp_path / "run", load_room("task2", room={"goals": ["milk"]}))
+    assert not agent.goals.prototypes.seen[4]
+    agent.show("milk", np.zeros((1, 84, 84, 3), np.uint8))
+    before = {name: value.clone() for name, value in agent.agent.state_dict().items()}
+    asked = evaluate(agent, episodes=8)
+    assert (asked.episodes, asked.trained_episodes) == (8, 4)
+    assert asked == evaluate(agent, episodes=8)
+    assert all(torch.equal(value, before[name]) for name, value in agent.agent.state_dict().items())

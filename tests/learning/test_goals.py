@@ -6,8 +6,8 @@ import torch
 from torch import Tensor
 from toy import toy_learner
 
-from vhs import Outcome, Prototypes
-from vhs.learning.goals import Goals
+from vhs import ArgumentError, DtypeError, LabelError, Outcome, Prototypes, ShapeError
+from vhs.learning.goals import ClassGoals, Goals, PrototypeGoals
 from vhs.learning.learner import Learner
 from vhs.learning.methods import METHODS
 
@@ -116,3 +116,52 @@ def test_exact_prototypes_embed_stored_images_of_their_class_alone() -> None:
         expected = learner.agent.extractor(torch.from_numpy(image).unsqueeze(0))[0]
     torch.testing.assert_close(learner.goals.begin(2), expected, atol=1e-5, rtol=1e-4)
     assert not learner.goals.prototypes.seen[0]
+
+
+@pytest.mark.parametrize("prototype", ["running", "exact"])
+def test_a_class_that_is_shown_is_named_by_the_mean_feature_of_its_pictures(prototype: str) -> None:
+    """Whatever had named it, whatever the store has of it, and without a change to anything else."""
+    learner = small_learner(f"method.prototype={prototype}")
+    goals = learner.goals
+    assert isinstance(goals, PrototypeGoals)
+    fill_store(goals)
+    goals.prototypes.update(np.eye(GOALS, DIM, dtype=np.float32), np.arange(GOALS))
+    weights = {name: value.clone() for name, value in learner.agent.state_dict().items()}
+    others, counts = goals.prototypes.table[:2], goals.counts
+    pictures = np.random.default_rng(3).integers(0, 256, (4, *goals.store.observation_shape), dtype=np.uint8)
+    goals.show(2, pictures)
+    learner.agent.eval()
+    with torch.inference_mode():
+        expected = learner.agent.extractor(torch.from_numpy(pictures)).mean(dim=0)
+    for _ in range(2):
+        torch.testing.assert_close(goals.begin(2), expected)
+    np.testing.assert_array_equal(goals.prototypes.table[:2], others)
+    np.testing.assert_array_equal(goals.counts, counts)
+    for name, value in learner.agent.state_dict().items():
+        assert torch.equal(value, weights[name]), name
+
+
+@pytest.mark.parametrize(
+    ("label", "count", "dtype", "error", "message"),
+    [
+        (GOALS, 1, np.uint8, LabelError, r"expected a class in 0\.\.3, found 3"),
+        (-1, 1, np.uint8, LabelError, r"expected a class in 0\.\.3, found -1"),
+        (0, 1, np.float32, DtypeError, r"expected pictures of dtype uint8, found float32"),
+        (0, 0, np.uint8, ShapeError, r"\[n, 16, 16, 6\], n at least 1, found \[0, 16, 16, 6\]"),
+    ],
+)
+def test_what_cannot_be_shown_changes_nothing(
+    label: int, count: int, dtype: type, error: type[Exception], message: str
+) -> None:
+    goals = small_learner().goals
+    assert isinstance(goals, PrototypeGoals)
+    with pytest.raises(error, match=message):
+        goals.show(label, np.zeros((count, *goals.store.observation_shape), dtype))
+    assert not goals.prototypes.seen.any()
+
+
+def test_words_are_not_shown() -> None:
+    goals = toy_learner("a3c").goals
+    assert isinstance(goals, ClassGoals)
+    with pytest.raises(ArgumentError, match=r"method\.embedding = prototype\), found WordGoals"):
+        goals.show(0, np.zeros((1, *goals.store.observation_shape), np.uint8))

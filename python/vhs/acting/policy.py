@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from vhs import EpisodeBuffer
+from vhs import EpisodeBuffer, LabelError
 from vhs.acting.actor import Actor
 from vhs.acting.players import AgentPlayer
 from vhs.acting.setup import (
@@ -69,6 +70,31 @@ class Policy:
                 torch.from_numpy(observations).to(self.agent.gate.weight.device)
             )
         return features
+
+    def show(self, goal: int | str, pictures: NDArray[np.uint8]) -> None:
+        """Show the agent a goal, so that it can be asked for what it was never told of; nothing learns.
+
+        From now on the class is named by the mean of f over these pictures.
+
+        Args:
+            goal: a class, or its name in `Task.goals`.
+            pictures: what an episode sees last that reaches it, one at least: frames, uint8
+                [n, height, width, channels], of which each is seen for as long as an observation lasts; or
+                observations, uint8 [n, height, width, frame_stack * channels], oldest frame first.
+
+        Raises:
+            ArgumentError: goals are not named by pictures of their class.
+            LabelError, DtypeError, ShapeError: for an argument that does not fit; nothing has changed.
+        """
+        names = self.task.goals or ()
+        if isinstance(goal, str) and goal not in names:
+            raise LabelError(
+                f"show: expected a goal of task {self.task.name} ({', '.join(names)}), found {goal}"
+            )
+        label = names.index(goal) if isinstance(goal, str) else operator.index(goal)
+        if np.shape(pictures)[1:] == self.spec.frame_shape and len(self.spec.frame_shape) == 3:
+            pictures = np.concatenate([pictures] * self.config.model.frame_stack, axis=-1)
+        self.goals.show(label, np.ascontiguousarray(pictures))
 
     def actor(self, seed: int, greedy: bool, num_streams: int = 1) -> Actor:
         """An actor whose samples depend on the seed alone."""

@@ -194,7 +194,7 @@ class RoomConfig:
 
 
 def _in_order(goals: object) -> tuple[str, ...]:
-    """Names of objects in order of their labels; an error unless they are that, each once, and one at least."""
+    """Names of objects in order of their labels; an error unless they are that, each once, one at least."""
     if isinstance(goals, str) or not isinstance(goals, Sequence):
         raise TypeError(f"goals: expected a list of names, found {goals!r}")
     given = list(goals)

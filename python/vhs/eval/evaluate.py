@@ -58,12 +58,17 @@ class Evaluation:
 
 
 def evaluate(
-    run: Path, *, episodes: int = 300, seed: int = 0, greedy: bool = False, task: Task | None = None
+    run: Path | Policy,
+    *,
+    episodes: int = 300,
+    seed: int = 0,
+    greedy: bool = False,
+    task: Task | None = None,
 ) -> Evaluation:
-    """Evaluate the newest checkpoint of a run, or an exported agent.
+    """Evaluate the newest checkpoint of a run, an exported agent, or one that was loaded.
 
     Args:
-        run: directory of the run or of the exported agent.
+        run: directory of the run or of the exported agent; or what `load_agent` gave, which has its task.
         episodes: how many, each under a seed of its own (paper: 300).
         seed: which episodes; the same seed gives the same ones to every run.
         greedy: take the likeliest action instead of sampling from the policy.
@@ -72,7 +77,7 @@ def evaluate(
     Raises:
         CheckpointError: the run is missing or damaged.
     """
-    trained = load_agent(run, task)
+    trained = run if isinstance(run, Policy) else load_agent(run, task)
     torch.set_num_threads(trained.config.train.threads)
     ended = _play(trained, episodes=episodes, seed=seed, greedy=greedy)
     shortest = _shortest(trained.task, [episode.seed for episode in ended])

@@ -18,7 +18,16 @@ from numpy.typing import ArrayLike, NDArray
 from torch import Tensor
 from torch.nn.functional import normalize
 
-from vhs import EpisodeBatch, EpisodeBuffer, GoalStore, Prototypes
+from vhs import (
+    ArgumentError,
+    DtypeError,
+    EpisodeBatch,
+    EpisodeBuffer,
+    GoalStore,
+    LabelError,
+    Prototypes,
+    ShapeError,
+)
 from vhs.config import MethodSection
 from vhs.models import GoalAgent, to_device, to_numpy
 
@@ -222,6 +231,22 @@ class ClassGoals(Goals):
         nearest = (reached @ normalize(table, dim=1).T).argmax(dim=1)
         return to_device(known, self._device)[nearest]
 
+    def show(self, label: int, observations: NDArray[np.uint8]) -> None:
+        """Let a class be named by some pictures from now on, where pictures name classes; nothing learns.
+
+        Args:
+            label: the class.
+            observations: pictures of it, uint8 [n, *observation_shape], one at least.
+
+        Raises:
+            ArgumentError: these goals are told otherwise.
+            LabelError, DtypeError, ShapeError: for an argument that does not fit; nothing has changed.
+        """
+        raise ArgumentError(
+            "show: expected goals that are named by prototypes of pictures (method.embedding = prototype), "
+            f"found {type(self).__name__}"
+        )
+
     def collect(self, buffer: EpisodeBuffer, ids: ArrayLike) -> None:
         """Store the last observation of each success under its instructed class, if it is a picture."""
         if buffer.dtype == np.uint8:
@@ -270,8 +295,14 @@ class PrototypeGoals(ClassGoals):
     """Classes that are named by their prototypes.
 
     A running prototype follows the features of each update's batch; an exact one is made of stored images
-    when an episode begins. A class without one is named by N(0, 1), anew for each episode.
+    when an episode begins; of a class that was shown it stays what it is. A class without one is named by
+    N(0, 1), anew for each episode.
     """
+
+    @cached_property
+    def _shown(self) -> set[int]:
+        """Classes that are named by the pictures that were shown of them, whatever the store has."""
+        return set()
 
     @cached_property
     def _noise(self) -> NDArray[np.float32]:
@@ -289,7 +320,7 @@ class PrototypeGoals(ClassGoals):
     def refresh(self, told: Told) -> None:
         """Draw an exact p^x anew: from stored images, or as noise while there is none."""
         if self._method.prototype == "exact":
-            if self.store.counts[told]:
+            if self.store.counts[told] and told not in self._shown:
                 self._embed_images(int(told))
             self._draw_noise(told)
 
@@ -320,6 +351,15 @@ class PrototypeGoals(ClassGoals):
         nearest = None if self._method.hindsight_goal == "feature" else self.recognise(reached)
         return reached if nearest is None else to_device(self.prototypes.table, self._device)[nearest]
 
+    def show(self, label: int, observations: NDArray[np.uint8]) -> None:
+        """Set p^x to the mean feature of some pictures, with running statistics as when acting."""
+        _check_shown(label, observations, self.prototypes.num_classes, self.store.observation_shape)
+        state = self.prototypes.state_dict()
+        state["table"][label] = to_numpy(self._features(observations)).mean(axis=0)
+        state["seen"][label] = True
+        self.prototypes.load_state_dict(state)
+        self._shown.add(label)
+
     def _draw_noise(self, told: Told) -> None:
         """A fresh N(0, 1) vector for a class without a prototype."""
         if not self.prototypes.seen[told]:
@@ -328,10 +368,14 @@ class PrototypeGoals(ClassGoals):
     def _embed_images(self, told: int) -> None:
         """Set p^x to the mean feature of stored images, with running statistics as when acting."""
         images = self.store.sample_class(told, self._method.prototype_samples)
+        labels = np.full(len(images), told, dtype=np.int64)
+        self.prototypes.update(to_numpy(self._features(images)), labels)
+
+    def _features(self, images: NDArray[np.uint8]) -> Tensor:
         self._agent.eval()
         with torch.inference_mode():
-            features = self._agent.extractor(to_device(images, self._device), self._dtype)
-        self.prototypes.update(to_numpy(features), np.full(len(images), told, dtype=np.int64))
+            features: Tensor = self._agent.extractor(to_device(images, self._device), self._dtype)
+        return features
 
 
 class WordGoals(ClassGoals):
@@ -368,3 +412,18 @@ class WordGoals(ClassGoals):
 def _words(agent: GoalAgent) -> torch.nn.Embedding:
     assert agent.words is not None, "an agent that was built with words"
     return agent.words
+
+
+def _check_shown(
+    label: int, observations: NDArray[np.uint8], num_classes: int, shape: tuple[int, ...]
+) -> None:
+    """Check what `show` is told."""
+    if not 0 <= label < num_classes:
+        raise LabelError(f"show: expected a class in 0..{num_classes}, found {label}")
+    if observations.dtype != np.uint8:
+        raise DtypeError(f"show: expected pictures of dtype uint8, found {observations.dtype}")
+    if observations.shape[1:] != shape or not len(observations):
+        raise ShapeError(
+            f"show: expected pictures of shape [n, {', '.join(map(str, shape))}], n at least 1, "
+            f"found {list(observations.shape)}"
+        )
