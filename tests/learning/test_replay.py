@@ -9,6 +9,7 @@ import torch
 
 from vhs import EpisodeBatch, EpisodeBuffer, Outcome
 from vhs.acting.setup import learn_spec, settled, task_of
+from vhs.buffer import make_buffer as buffer_of
 from vhs.config import load_config
 from vhs.errors import ConfigError, OutputError
 from vhs.learning.learner import reached_after
@@ -182,12 +183,32 @@ def test_a_directory_that_cannot_hold_what_is_kept_is_named(monkeypatch: pytest.
 def test_the_method_says_what_is_kept(overrides: list[str], kept_outcomes: set[Outcome] | None) -> None:
     config = load_config([], ["env.num_workers=0", *overrides])
     spec = learn_spec(config, task_of(config))
-    replay = make_replay(settled(config, spec), spec, 4)
+    replay = make_replay(settled(config, spec), spec)
     if kept_outcomes is None:
         assert replay is None
     else:
         assert replay is not None
         assert set(replay.outcomes) == kept_outcomes
+
+
+@pytest.mark.parametrize(("num_ranks", "steps", "episodes"), [(1, 5_000, 8), (2, 2_500, 4), (4, 1_250, 2)])
+def test_ranks_share_what_is_kept_and_what_is_drawn(num_ranks: int, steps: int, episodes: int) -> None:
+    config = load_config([], ["env.num_workers=0"])
+    spec = learn_spec(config, task_of(config))
+    replay = make_replay(settled(config, spec), spec, num_ranks)
+    assert replay is not None
+    buffer = buffer_of(spec, capacity_steps=spec.max_episode_steps, frame_stack=2, stacking="channels")
+    frame = np.zeros(spec.frame_shape, np.uint8)
+    buffer.begin(0, frame, 0)
+    for _ in range(20):
+        buffer.append(0, 0, 0.0, 0.0, frame)
+    batch = buffer.gather([buffer.finish(0, Outcome.SUCCESS)])
+    for _ in range(300):
+        replay.collect(buffer, batch, 1, None)
+    drawn = replay.draw()
+    assert drawn is not None
+    assert len(drawn[1]) == episodes
+    assert len(drawn[0]) == steps // 20
 
 
 def test_words_cannot_name_what_was_reached_by_mistake() -> None:

@@ -86,8 +86,11 @@ class Replay:
         self._buffer.rng_state = state
 
 
-def make_replay(config: Config, spec: TaskSpec, share: int) -> Replay | None:
-    """What a method replays beside `share` episodes an update; None where it replays nothing."""
+def make_replay(config: Config, spec: TaskSpec, num_ranks: int = 1) -> Replay | None:
+    """What each of `num_ranks` replays beside its share of an update; None where a method replays nothing.
+
+    Each keeps its share of the steps, so that what all replay is as old as what one would.
+    """
     method = config.method
     if "replay" not in method.row.terms or not method.replay_ratio:
         return None
@@ -96,11 +99,12 @@ def make_replay(config: Config, spec: TaskSpec, share: int) -> Replay | None:
         outcomes |= {Outcome[name.upper()] for name in method.relabel_on or ()}
     buffer = make_buffer(
         spec,
-        capacity_steps=max(method.replay_capacity, spec.max_episode_steps),
+        capacity_steps=max(method.replay_capacity // num_ranks, spec.max_episode_steps),
         frame_stack=config.model.frame_stack,
         stacking="channels" if len(spec.frame_shape) == 3 else "frames",
         seed=config.seed,
     )
+    share = config.train.episodes_per_update // num_ranks
     return Replay(buffer, method.replay_ratio * share, outcomes)
 
 

@@ -29,6 +29,6 @@ def make_learner(
         dtype=dtype,
         rng=Rng(config.seed),
         reckoning=make_reckoning(config.method, spec),
-        replay=make_replay(config, spec, config.train.episodes_per_update // world.size),
+        replay=make_replay(config, spec, world.size),
         world=world,
     )
