@@ -92,6 +92,13 @@ def _add_train(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, metavar="DIR", help="directory of the run (default: runs/TASK-METHOD-seedN)"
     )
     parser.add_argument(
+        "--from",
+        dest="start_from",
+        metavar="RUN",
+        help="begin with the weights, prototypes and goal images of a run or of an exported agent; short for "
+        "--set train.start_from=RUN",
+    )
+    parser.add_argument(
         "--processes",
         type=_positive,
         default=1,
@@ -285,14 +292,17 @@ def _train(options: argparse.Namespace) -> int:
     from vhs.train import train
     from vhs.world import is_rank, joined
 
+    assigned = list(options.set)
+    if options.start_from is not None:
+        assigned.append(f"train.start_from={json.dumps(options.start_from)}")
     if options.processes > 1 and not is_rank():
         from vhs.world.launch import launch  # torch's launcher is slow to import, and talks on macOS
 
-        load_config(options.config, options.set, task=options.task)  # what is wrong with it is told once
+        load_config(options.config, assigned, task=options.task)  # what is wrong with it is told once
         return launch(options.processes, options.arguments)
     with joined() as world:
         with world.together():
-            config = load_config(options.config, options.set, task=options.task)
+            config = load_config(options.config, assigned, task=options.task)
         finished = train(config, options.out or default_run_directory(config), world=world)
     return 0 if finished else 130
 

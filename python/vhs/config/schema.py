@@ -198,6 +198,10 @@ class TrainSection(_Section):
 
     episodes: PositiveInt = 30_000
     """Episodes until the run is finished; a longer run gains most with `schedule_episodes` as long."""
+    start_from: str | None = None
+    """A run, or an exported agent, whose weights, prototypes and goal images this run begins with; optimiser,
+    schedules and counters begin anew, and goal classes that the task has more come behind those there were.
+    null begins with fresh weights."""
     episodes_per_update: PositiveInt = 4
     """Episodes behind an optimiser step, an equal share of them from each process (paper: 1; a trial with 16
     needed 2.7 times the episodes of 4)."""

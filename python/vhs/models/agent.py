@@ -7,7 +7,7 @@ acting, f(o_T) in hindsight.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Self
+from typing import ClassVar, NamedTuple, Self
 
 import torch
 from torch import Tensor, nn
@@ -26,6 +26,9 @@ class RecurrentState(NamedTuple):
 
 class GoalAgent(nn.Module):
     """pi(a | o, goal, interaction) and V(o | goal, interaction) over a shared extractor and LSTM."""
+
+    by_class: ClassVar[tuple[str, ...]] = ("words.", "sight.2.")
+    """How the names of those weights begin that have a row a goal class."""
 
     def __init__(
         self,

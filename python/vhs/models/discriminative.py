@@ -21,6 +21,8 @@ class DiscriminativeAgent(GoalAgent):
     Actor and critic read the query as a constant: the discriminator is trained by its own loss alone.
     """
 
+    by_class = (*GoalAgent.by_class, "classify.")
+
     def __init__(self, extractor: Extractor, *, num_goals: int, hidden_dim: int, **kwargs: Any) -> None:
         """Build the layers behind `extractor` for `num_goals` classes; `kwargs` as for `GoalAgent`."""
         super().__init__(extractor, hidden_dim=hidden_dim, **kwargs)

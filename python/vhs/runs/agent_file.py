@@ -113,7 +113,18 @@ class AgentFile:
         """
         _check(self.path, self.tensors, _tensors(agent, goals))
         with fitting(self.path):
-            _load(self.tensors, agent, goals)
+            goals.load_state_dict(self.prototypes)
+            agent.load_state_dict(self.networks)
+
+    @property
+    def networks(self) -> dict[str, Tensor]:
+        """Weights and batch-norm statistics, by their names in `GoalAgent`."""
+        return _below(_AGENT, self.tensors)
+
+    @property
+    def prototypes(self) -> dict[str, Tensor]:
+        """The state of `vhs.Prototypes`; KeyError of a file without it."""
+        return _below(_PROTOTYPES, {**self.tensors, _RNG: self.tensors[_RNG].view(torch.uint64)})
 
 
 def read_agent(path: Path) -> AgentFile:
@@ -171,12 +182,6 @@ def _tensors(agent: GoalAgent, goals: Goals) -> dict[str, Tensor]:
     # Generator state is unsigned words, which torch knows little of.
     named[_RNG] = named[_RNG].view(torch.int64)
     return networks | named
-
-
-def _load(tensors: Mapping[str, Tensor], agent: GoalAgent, goals: Goals) -> None:
-    named = _below(_PROTOTYPES, {**tensors, _RNG: tensors[_RNG].view(torch.uint64)})
-    goals.load_state_dict(named)
-    agent.load_state_dict(_below(_AGENT, tensors))
 
 
 def _below(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:

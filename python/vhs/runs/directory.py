@@ -89,7 +89,9 @@ def check_run(config: Config, run: Path) -> None:
 
 
 @contextmanager
-def open_run(config: Config, run: Path, *, precision: str, episodes: int) -> Iterator[None]:
+def open_run(
+    config: Config, run: Path, *, precision: str, episodes: int, start: Mapping[str, Any] | None = None
+) -> Iterator[None]:
     """Make the directory, say in it what makes the run, remove what a kill left half-written, and hold it.
 
     Args:
@@ -97,6 +99,7 @@ def open_run(config: Config, run: Path, *, precision: str, episodes: int) -> Ite
         run: its directory.
         precision: type in which this machine's convolutions multiply.
         episodes: of the checkpoint that the run goes on from; 0 for a new run.
+        start: what another run learned that it begins with; None: nothing.
 
     Raises:
         CheckpointError: another process has gone on since the checkpoint was read.
@@ -111,7 +114,8 @@ def open_run(config: Config, run: Path, *, precision: str, episodes: int) -> Ite
         remove_partial(run, "|".join(map(re.escape, (CONFIG_NAME, META_NAME, LOG_NAME))))
         files = {CONFIG_NAME: dump_config(config)}
         if episodes < config.train.episodes:  # a start that trains nothing makes nothing
-            meta = _meta(run, describe() | {"precision": precision}, episodes)
+            made = describe() | {"precision": precision} | ({} if start is None else {"start": start})
+            meta = _meta(run, made, episodes)
             files[META_NAME] = json.dumps(sealed(meta), indent=2) + "\n"
         write_files(run, files)
         yield

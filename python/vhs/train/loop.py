@@ -48,7 +48,8 @@ def train(
         True when the run is finished, False when a signal stopped it.
 
     Raises:
-        CheckpointError: the directory holds another configuration's run or a damaged checkpoint.
+        CheckpointError: the directory holds another configuration's run or a damaged checkpoint, or
+            `train.start_from` is none that fits.
         OutputError: a checkpoint or the log cannot be written; the checkpoints before it are untouched.
         DivergenceError: the loss became infinite or NaN; the last checkpoint is untouched.
         ArgumentError: a field of the task does not fit its environment; nothing was written.
@@ -98,9 +99,10 @@ def train(
 def _opened(config: Config, run: Path, session: Session, stream: TextIO | None) -> Iterator[TrainingLog]:
     """The directory of the run, held, and its log."""
     episodes = session.progress.episodes
+    start = None if session.start is None else session.start.as_dict()
     precision = str(convolution_dtype(config)).removeprefix("torch.")
     with (
-        open_run(config, run, precision=precision, episodes=episodes),
+        open_run(config, run, precision=precision, episodes=episodes, start=start),
         TrainingLog(
             run, config.train.episodes, episodes, stream, logged=session.rows_until, config=config
         ) as log,
@@ -110,6 +112,8 @@ def _opened(config: Config, run: Path, session: Session, stream: TextIO | None) 
 
 def _say_how_it_begins(session: Session, run: Path, task: Task, log: Log, world: World) -> None:
     before, now = session.ranks_before, world.size
+    if session.start is not None:
+        log.say(str(session.start))
     if session.progress.episodes:
         log.say(f"resuming {run} at episode {session.progress.episodes}")
     if before not in (0, now):

@@ -35,6 +35,7 @@ from vhs.task import Task, TaskSpec
 from vhs.train.build import make_learner
 from vhs.train.exchange import News, collect, packed, unpacked
 from vhs.train.log import Log
+from vhs.train.start import Start, start
 from vhs.world import ALONE, World
 
 _MANY = 100
@@ -88,6 +89,8 @@ class Session:
         self.progress = Progress()
         self.dropped = 0
         """Episodes of the checkpoint, of all ranks, that could not be brought back."""
+        self.start: Start | None = None
+        """What the run begins with here, if another one learned that."""
         self.stop = StopRequest()
         """Whether this process was asked to stop."""
         self._is_stop_agreed = False
@@ -97,6 +100,8 @@ class Session:
         self._window = Window()
         with fitting(run):
             saved = self._restore() if has_checkpoint(run) else []
+        if not saved and config.train.start_from is not None:
+            self.start = start(config.train.start_from, self._learner)
         self.ranks_before = len(saved)
         """Ranks that made the checkpoint; 0 for a new run."""
         if len(saved) != world.size:
