@@ -150,8 +150,8 @@ class MethodSection(_Section):
     """Kept episodes that are imitated again for each that an update learns from (the paper has none); 0
     unless given where words name goals."""
     replay_capacity: Annotated[PositiveInt, _REPLAY] = 5_000
-    """Steps kept, by all processes together, of episodes that reached something, and in each of one episode at
-    least; the oldest leave first."""
+    """Steps kept, by all processes together, of episodes that reached something, and in each of one episode
+    at least; the oldest leave first."""
     hindsight_goal: Annotated[Literal["feature", "prototype"], _IMITATION] = "prototype"
     """Goal of a relabelled episode: `feature` is f(o_T) (paper); `prototype` the class prototype nearest to
     f(o_T) in angle, which is what the policy is asked for when acting."""
