@@ -47,6 +47,25 @@ def test_every_task_trains_and_logs(task: str, tmp_path: Path) -> None:
     assert meta["precision"] in ("float32", "bfloat16")
 
 
+@pytest.mark.parametrize(
+    ("overrides", "is_said"),
+    [
+        (["train.schedule_episodes=2"], True),
+        (["train.schedule_episodes=4"], False),
+        (
+            ["train.schedule_episodes=2", "train.learning_rate_end=null", "train.entropy_weight_end=null"],
+            False,
+        ),
+    ],
+)
+def test_a_schedule_that_ends_before_the_run_is_said(
+    tmp_path: Path, overrides: list[str], is_said: bool
+) -> None:
+    told = StringIO()
+    train(debug_config("train.episodes=4", *overrides), tmp_path / "run", told)
+    assert ("train.schedule_episodes = 2 of train.episodes = 4" in told.getvalue()) == is_said
+
+
 def test_same_seed_same_weights(tmp_path: Path) -> None:
     weights = []
     for name in "ab":

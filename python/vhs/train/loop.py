@@ -10,7 +10,7 @@ from typing import TextIO
 import torch
 
 from vhs.acting.setup import check_runnable, convolution_dtype, learn_spec, settled, task_of, with_given
-from vhs.config import Config
+from vhs.config import Config, TrainSection
 from vhs.interrupt import stop_on_signal
 from vhs.models import ExtractorFactory
 from vhs.runs.directory import check_run, open_run
@@ -81,7 +81,7 @@ def train(
         check_sees(world, run)
         session.expect_equal_weights()
         session.stop = opened.enter_context(stop_on_signal())
-        _say_how_it_begins(session, run, task, log, world)
+        _say_how_it_begins(session, run, task, log, world, config.train)
         while not (session.is_finished or session.is_stopped):
             session.advance(log)
         session.finish(log)
@@ -110,8 +110,17 @@ def _opened(config: Config, run: Path, session: Session, stream: TextIO | None) 
         yield log
 
 
-def _say_how_it_begins(session: Session, run: Path, task: Task, log: Log, world: World) -> None:
+def _say_how_it_begins(
+    session: Session, run: Path, task: Task, log: Log, world: World, section: TrainSection
+) -> None:
     before, now = session.ranks_before, world.size
+    moves = (section.learning_rate_end, section.entropy_weight_end) != (None, None)
+    if moves and section.episodes > section.schedule_episodes:
+        log.say(
+            "learning rate and entropy stay as they are after train.schedule_episodes = "
+            f"{section.schedule_episodes} of train.episodes = {section.episodes}; "
+            "as long a schedule gains more"
+        )
     if session.start is not None:
         log.say(str(session.start))
     if session.progress.episodes:
