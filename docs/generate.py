@@ -24,6 +24,8 @@ PARTS: dict[str, Callable[[], str]] = {
     "overlooked goals": tables.overlooked,
     "localisation": tables.localisation,
     "imitated again": tables.replay,
+    "new objects, shown": tables.shown,
+    "new objects, learned": tables.learned,
     "elsewhere": tables.elsewhere,
     "profile": tables.profile,
 }

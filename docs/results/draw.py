@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from results import records
 from results.records import HERE, METHODS, TASKS, VARIANTS, Curve, curves, load
-from results.tables import LONG, SHORT
+from results.tables import LONG, NEW_OBJECTS, SHORT
 from vhs.eval.paper import SUCCESS
 
 COLOURS = {"vhs": "#093dbe", "pg": "#8f498a", "gdan": "#e47711", "a3c": "#191a1b", "gcsl": "#17a874"}
@@ -71,6 +71,28 @@ def replay() -> Figure:
     """Success over training, Task 2, where what reached something is imitated once and again."""
     found = load("localisation-2026-11.json") | load("replay-2026-11.json")
     return _two(found, {"replay": "imitated again", "m1": "once"})
+
+
+def new_objects() -> Figure:
+    """Success with an object that was left out, a panel each: with the weights kept, and from scratch."""
+    found = [record for record in load(NEW_OBJECTS).values() if "learned" in record]
+    figure, panels = plt.subplots(1, len(found), figsize=(9, 3.8), layout="constrained", sharey=True)
+    for record, axes in zip(found, np.atleast_1d(panels), strict=True):
+        left = record["left_out"].replace("_", " ")
+        for (kind, said), colour in zip(records.BEGUN.items(), ("vhs", "gdan"), strict=True):
+            before = {"episodes": 0, "new": record["not_shown"], "known": record["known"]}
+            runs = [*([before] if kind == "from" else []), *record["learned"][kind]]
+            for asked, style in (("new", "-"), ("known", ":")):
+                points = [[one["episodes"], one[asked]["success"]] for one in runs]
+                label = f"{left if asked == 'new' else 'the other four'}, {said}"
+                axes.plot(*np.array(points).T, style, color=COLOURS[colour], linewidth=1.6, label=label)
+        best = max(record["shown"], key=lambda one: one["pictures"])["pictures"]
+        rates = [one["success"] for one in record["shown"] if one["pictures"] == best]
+        axes.plot(0, np.mean(rates), "o", color=PARTS[2], clip_on=False, label=f"shown {best} pictures")
+        axes.set(title=f"asked for {left}")
+        _success(axes)
+        axes.legend(loc="center right", fontsize=8)
+    return figure
 
 
 def elsewhere() -> Figure:
@@ -158,6 +180,7 @@ FIGURES = {
     "relabelling.svg": relabelling,
     "localisation.svg": localisation,
     "replay.svg": replay,
+    "new-objects.svg": new_objects,
     "elsewhere.svg": elsewhere,
     "overlooked.svg": overlooked,
     "profile.svg": profile,

@@ -1,7 +1,9 @@
 """What the JSON files beside this script hold, as the tables and figures need it."""
 
 import json
+import shlex
 from collections import defaultdict
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +41,9 @@ ELSEWHERE = {
 """Tasks of `examples/tasks` as pages call them."""
 RIVALS = {"vhs": "VHS", "pg": "PG", "a3c": "A3C", "recurrent_ppo": "recurrent PPO"}
 
+BEGUN = {"from": "weights kept", "scratch": "from scratch"}
+"""How runs began that are asked for an object that was left out, by what `new_objects.py` calls them."""
+
 Curve = NDArray[np.float64]
 
 
@@ -54,6 +59,13 @@ def elsewhere() -> dict[tuple[str, str], list[Curve]]:
         rows = [[row["processor_s"] / 60, row["success"], row["episodes"]] for row in run["curve"]]
         found[run["task"], run["method"]].append(np.array(rows, dtype=np.float64))
     return found
+
+
+def described(record: dict[str, Any]) -> str:
+    """What was left out of a run, and what was changed of the method."""
+    words = shlex.split(record["command"])
+    changed = [after for word, after in pairwise(words) if word == "--set"]
+    return ", ".join([record["left_out"].replace("_", " "), *(f"`{key}`" for key in changed)])
 
 
 def at_the_end(curve: Curve, episodes: int = 500) -> float:

@@ -12,7 +12,7 @@ from results.records import METHODS, TASKS, VARIANTS, counted, curves, episodes_
 from vhs.eval.compare import WINDOW
 from vhs.eval.paper import REFERENCE_RATE, SUCCESS
 
-LONG, SHORT = "long-2026-11.json", "final-2026-11.json"
+LONG, SHORT, NEW_OBJECTS = "long-2026-11.json", "final-2026-11.json", "new-objects-2026-11.json"
 
 
 def long_runs() -> str:
@@ -122,6 +122,55 @@ def _on_the_way(found: dict[str, Any], names: dict[str, str]) -> str:
         rows.append([shown, *at, _reached(REFERENCE_RATE, curve, 500), *(ends or [""])])
     head = ["", *(f"at {mark:,}" for mark in marks), "74.3 % at", "after 12,000, rooms of seed 9"]
     return _table(head, rows)
+
+
+def shown() -> str:
+    """What an agent reaches that is asked for an object which it was only shown."""
+    rows = []
+    for record in load(NEW_OBJECTS).values():
+        counts = sorted({one["pictures"] for one in record["shown"]})
+        draws = [[one for one in record["shown"] if one["pictures"] == count] for count in counts]
+        reached = {
+            name: np.mean([one["reached"][name] for one in draws[-1]]) / _episodes(draws[-1][0])
+            for name in record["known"]["reached"]
+            if name != record["left_out"]
+        }
+        most = max(reached, key=lambda name: reached[name])
+        rows.append([
+            records.described(record),
+            *(_percent(record[asked]["success"]) for asked in ("known", "not_shown")),
+            *(_percent(float(np.mean([one["success"] for one in rates]))) for rates in draws),
+            f"{most.replace('_', ' ')}, {_percent(reached[most])}",
+        ])  # fmt: skip
+    head = [
+        "left out",
+        "asked for the four",
+        "for the fifth, not shown",
+        "1 picture",
+        "5",
+        "20",
+        "in its place",
+    ]
+    return _table(head, rows)
+
+
+def learned() -> str:
+    """How an object that was left out is learned, with the weights kept and from scratch."""
+    marks, rows = (500, 1000, 2000, 3000, 4000), []
+    for record in load(NEW_OBJECTS).values():
+        for asked, name in (("new", record["left_out"]), ("known", "the other four")):
+            for kind, said in records.BEGUN.items():
+                at = {
+                    one["episodes"]: one[asked]["success"] for one in record.get("learned", {}).get(kind, ())
+                }
+                if at:
+                    rows.append([f"{name}, {said}", *(_percent(at[mark]) for mark in marks)])
+    return _table(["", *(f"at {mark:,}" for mark in marks)], rows)
+
+
+def _episodes(rates: dict[str, Any]) -> int:
+    """How many were played."""
+    return round(sum(rates["reached"].values()) / (rates["success"] + rates["failure"]))
 
 
 def elsewhere() -> str:

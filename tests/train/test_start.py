@@ -66,6 +66,7 @@ def test_weights_prototypes_and_images_are_taken_and_all_else_is_new(tmp_path: P
         "episodes": 12,
         "classes": 3,
         "new_classes": 0,
+        "prototypes": 3,
         "images": 18,
     }
     for name, value in new.agent.state_dict().items():
@@ -91,7 +92,7 @@ def test_new_classes_come_behind_the_old_ones(name: str, tmp_path: Path) -> None
     old, new, fresh = learner(3, method), learner(5, method, seed=1), learner(5, method, seed=1)
     begun = start(str(saved(tmp_path, old)), new)
     assert (begun.classes, begun.new_classes) == (3, 2)
-    assert "prototypes of 3 classes; 2 new" in str(begun)
+    assert "3 prototypes of 3 goal classes, 18 pictures of goals; new classes: 2" in str(begun)
     grown = set()
     for name, value in new.agent.state_dict().items():
         before, own = old.agent.state_dict()[name], fresh.agent.state_dict()[name]
@@ -185,7 +186,7 @@ def test_an_exported_agent_is_a_start_by_the_command_line(
     options = ["--config", str(DEBUG), "--set", "train.episodes=4", "--set", "env.num_workers=0"]
     run = tmp_path / "run"
     assert main(["train", *options, "--from", str(tmp_path / "agent"), "--out", str(run)]) == 0
-    assert "at episode 8: its weights, 0 pictures of goals" in capsys.readouterr().out
+    assert ", 0 pictures of goals" in capsys.readouterr().out
     assert load_agent(run).trained_episodes == 4
 
 

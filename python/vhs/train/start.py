@@ -33,16 +33,19 @@ class Start(NamedTuple):
     episodes: int
     """That had been learned from."""
     classes: int
+    """Goal classes that there were."""
     new_classes: int
+    """That the task has more."""
+    prototypes: int
     images: int
     """Goal images; an exported agent has none."""
 
     def __str__(self) -> str:
         """A sentence about it."""
-        more = f"; {self.new_classes} new" if self.new_classes else ""
+        more = f"; new classes: {self.new_classes}" if self.new_classes else ""
         return (
-            f"starting from {self.named} at episode {self.episodes}: its weights, {self.images} pictures of "
-            f"goals, and prototypes of {self.classes} classes{more}"
+            f"starting from {self.named} at episode {self.episodes}: its weights, {self.prototypes} prototypes "
+            f"of {self.classes} goal classes, {self.images} pictures of goals{more}"
         )
 
     def as_dict(self) -> dict[str, Any]:
@@ -76,8 +79,8 @@ def start(named: str, learner: Learner) -> Start:
     learner.agent.load_state_dict(weights)
     learner.goals.load_state_dict(prototypes)
     learner.goals.store = store
-    before, now = len(found.prototypes["seen"]), store.num_classes
-    return Start(str(named), found.episodes, before, now - before, len(store))
+    seen = found.prototypes["seen"]
+    return Start(named, found.episodes, len(seen), store.num_classes - len(seen), int(seen.sum()), len(store))
 
 
 def _read(path: Path) -> _Found:
