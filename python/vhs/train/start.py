@@ -44,8 +44,8 @@ class Start(NamedTuple):
         """A sentence about it."""
         more = f"; new classes: {self.new_classes}" if self.new_classes else ""
         return (
-            f"starting from {self.named} at episode {self.episodes}: its weights, {self.prototypes} prototypes "
-            f"of {self.classes} goal classes, {self.images} pictures of goals{more}"
+            f"starting from {self.named} at episode {self.episodes}: its weights, {self.prototypes} "
+            f"prototypes of {self.classes} goal classes, {self.images} pictures of goals{more}"
         )
 
     def as_dict(self) -> dict[str, Any]:
