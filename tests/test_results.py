@@ -3,10 +3,14 @@
 import json
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+
+from vhs.acting.policy import load_agent
 
 ROOT = Path(__file__).parents[1]
 
@@ -31,3 +35,18 @@ def test_sight_asks_for_views_of_every_size(tmp_path: Path) -> None:
     rows = agent["recall"]["classifier"]
     assert sum(row["objects"] for row in rows) > 0
     assert all(row["recall"] is None or 0 <= row["recall"] <= 1 for row in rows)
+
+
+@pytest.mark.slow
+def test_new_objects_shows_what_it_asks_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The shipped agent knows milk: pictures of it name it as well as its prototype does."""
+    monkeypatch.syspath_prepend(ROOT / "docs" / "results")
+    tool = import_module("new_objects")
+    pictures = tool.pictures_of("milk", 2, tool.ROOMS_OF_PICTURES)
+    assert (pictures.shape, pictures.dtype) == ((2, 84, 84, 3), np.uint8)
+    agent = load_agent("task2")
+    agent.show("milk", pictures)
+    rates = tool.asked(agent, tool.asking_for("milk"), 4)
+    assert rates["success"] >= 0.5
+    assert rates["reached"]["milk"] == 4 * rates["success"]
+    assert sum(rates["reached"].values()) == 4 * (1 - rates["timeout"])

@@ -30,8 +30,7 @@ from vhs.envs import OBJECT_NAMES, plan
 from vhs.envs.task import load_room
 from vhs.runs.directory import describe, read_meta
 
-TASK, EPISODES = "task2", 12_000
-PICTURES, DRAWS = (1, 5, 20), 5
+TASK, PICTURES = "task2", (1, 5, 20)
 MARKS = (250, 500, 1000, 1500, 2000, 3000, 4000)
 """Episodes after which the two runs that are asked for all are evaluated."""
 ROOMS, ROOMS_OF_PICTURES = 9, 1000
@@ -73,11 +72,11 @@ def asked(policy: Policy, task: Task, episodes: int) -> dict[str, Any]:
     }
 
 
-def shown(run: Path, left: str, episodes: int) -> list[dict[str, Any]]:
+def shown(run: Path, left: str, draws: int, episodes: int) -> list[dict[str, Any]]:
     """How an agent does when it is asked for an object that it was shown."""
     found = []
     for count in PICTURES:
-        for draw in range(DRAWS):
+        for draw in range(draws):
             policy = load_agent(run)
             policy.show(left, pictures_of(left, count, ROOMS_OF_PICTURES + draw))
             rates = asked(policy, asking_for(left), episodes)
@@ -113,6 +112,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="of all trainings")
     parser.add_argument("--name", default="", help="of this variant, in the names of runs and of the record")
+    parser.add_argument("--trained", type=int, default=12_000, help="episodes before anything is shown")
+    parser.add_argument("--draws", type=int, default=5, help="of pictures, for each number of them")
     parser.add_argument("--shown-only", action="store_true")
     parser.add_argument("--episodes", type=int, default=300)
     parser.add_argument("--runs", type=Path, default=Path("runs/new-objects"))
@@ -122,7 +123,7 @@ def main() -> None:
     set_ = [word for text in (f"seed={options.seed}", *options.set) for word in ("--set", text)]
     others = [other for other in OBJECT_NAMES if other != options.left]
     run = options.runs / f"without-{name}"
-    train(run, EPISODES, EPISODES, [*set_, "--set", f"env.room.goals=[{', '.join(others)}]"])
+    train(run, options.trained, options.trained, [*set_, "--set", f"env.room.goals=[{', '.join(others)}]"])
     record = {
         **describe(),
         "command": shlex.join(["python", *sys.argv]),
@@ -130,7 +131,7 @@ def main() -> None:
         "left_out": options.left,
         "known": asked(load_agent(run), asking_for(*others), options.episodes),
         "not_shown": asked(load_agent(run), asking_for(options.left), options.episodes),
-        "shown": shown(run, options.left, options.episodes),
+        "shown": shown(run, options.left, options.draws, options.episodes),
     }
     if not options.shown_only:
         starts = {"from": ["--from", str(run)], "scratch": []}
