@@ -76,22 +76,23 @@ def replay() -> Figure:
 def new_objects() -> Figure:
     """Success with an object that was left out, a panel each: with the weights kept, and from scratch."""
     found = [record for record in load(NEW_OBJECTS).values() if "learned" in record]
-    figure, panels = plt.subplots(1, len(found), figsize=(9, 3.8), layout="constrained", sharey=True)
-    for record, axes in zip(found, np.atleast_1d(panels), strict=True):
-        left = record["left_out"].replace("_", " ")
+    figure, panels = plt.subplots(1, len(found), figsize=(9, 4), layout="constrained", sharey=True)
+    for record, axes in zip(found, panels, strict=True):
+        before = {"episodes": 0, "new": record["not_shown"], "known": record["known"]}
         for (kind, said), colour in zip(records.BEGUN.items(), ("vhs", "gdan"), strict=True):
-            before = {"episodes": 0, "new": record["not_shown"], "known": record["known"]}
             runs = [*([before] if kind == "from" else []), *record["learned"][kind]]
             for asked, style in (("new", "-"), ("known", ":")):
-                points = [[one["episodes"], one[asked]["success"]] for one in runs]
-                label = f"{left if asked == 'new' else 'the other four'}, {said}"
-                axes.plot(*np.array(points).T, style, color=COLOURS[colour], linewidth=1.6, label=label)
-        best = max(record["shown"], key=lambda one: one["pictures"])["pictures"]
-        rates = [one["success"] for one in record["shown"] if one["pictures"] == best]
-        axes.plot(0, np.mean(rates), "o", color=PARTS[2], clip_on=False, label=f"shown {best} pictures")
-        axes.set(title=f"asked for {left}")
+                points = np.array([[one["episodes"], one[asked]["success"]] for one in runs])
+                name = {"new": "the new object", "known": "the other four"}[asked]
+                line: dict[str, Any] = {"color": COLOURS[colour], "linewidth": 1.6, "linestyle": style}
+                axes.plot(*points.T, label=f"{name}, {said}", **line)
+        most = max(one["pictures"] for one in record["shown"])
+        rates = [one["success"] for one in record["shown"] if one["pictures"] == most]
+        told = f"the new object, shown {most} pictures, nothing learned"
+        axes.plot(0, np.mean(rates), "o", color=PARTS[2], clip_on=False, zorder=3, label=told)
+        axes.set(title=f"new: {record['left_out'].replace('_', ' ')}")
         _success(axes)
-        axes.legend(loc="center right", fontsize=8)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=9)
     return figure
 
 
