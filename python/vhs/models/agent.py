@@ -29,6 +29,8 @@ class GoalAgent(nn.Module):
 
     by_class: ClassVar[tuple[str, ...]] = ("words.", "sight.2.")
     """How the names of those weights begin that have a row a goal class."""
+    aside: ClassVar[str] = "sight."
+    """How the names of those begin that acting does not read, and that an agent may lack."""
 
     def __init__(
         self,

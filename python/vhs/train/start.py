@@ -39,10 +39,13 @@ class Start(NamedTuple):
     prototypes: int
     images: int
     """Goal images; an exported agent has none."""
+    new_sight: bool
+    """Whether it had no head that is taught what is in view."""
 
     def __str__(self) -> str:
         """A sentence about it."""
         more = f"; new classes: {self.new_classes}" if self.new_classes else ""
+        more += "; the head that says what is in view is new" if self.new_sight else ""
         return (
             f"starting from {self.named} at episode {self.episodes}: its weights, {self.prototypes} "
             f"prototypes of {self.classes} goal classes, {self.images} pictures of goals{more}"
@@ -80,7 +83,17 @@ def start(named: str, learner: Learner) -> Start:
     learner.goals.load_state_dict(prototypes)
     learner.goals.store = store
     seen = found.prototypes["seen"]
-    return Start(named, found.episodes, len(seen), store.num_classes - len(seen), int(seen.sum()), len(store))
+    aside = learner.agent.aside
+    has_sight = [any(name.startswith(aside) for name in names) for names in (weights, found.networks)]
+    return Start(
+        named,
+        found.episodes,
+        classes=len(seen),
+        new_classes=store.num_classes - len(seen),
+        prototypes=int(seen.sum()),
+        images=len(store),
+        new_sight=has_sight == [True, False],
+    )
 
 
 def _read(path: Path) -> _Found:
@@ -114,14 +127,18 @@ def _named(path: Path, goals: Goals, found: Mapping[str, Tensor]) -> dict[str, T
 
 
 def _grown(path: Path, agent: GoalAgent, found: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """The weights found, with rows of the agent's own for the classes that it has more.
+    """The weights found, with the agent's own for the classes that it has more and for a head that they lack.
 
     Raises:
         CheckpointError: they are those of another network.
     """
-    wanted, grown = agent.state_dict(), {}
+    wanted = agent.state_dict()
+    grown: dict[str, Tensor] = {}
     for name in sorted(wanted.keys() | found.keys()):
         own, theirs = wanted.get(name), found.get(name)
+        if name.startswith(agent.aside) and (own is None or theirs is None):
+            grown |= {} if own is None else {name: own}
+            continue
         if own is not None and theirs is not None:
             if own.shape == theirs.shape:
                 grown[name] = theirs
