@@ -90,13 +90,16 @@ $(BIN)/maturin:
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet "maturin>=1.9.4,<2" "setuptools>=70.1"
 
+# Without isolation pip calls the maturin of the path, which need not be that of the environment.
+INSTALL = PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install --no-build-isolation -e
+
 # Stamps: .train and .dev hold what each extra brings, .built is the extension module of the present Rust sources.
 $(VENV)/.train: pyproject.toml | $(BIN)/maturin
-	$(BIN)/pip install --no-build-isolation -e ".[train]"
+	$(INSTALL) ".[train]"
 	touch $@
 
 $(VENV)/.dev: pyproject.toml | $(BIN)/maturin
-	$(BIN)/pip install --no-build-isolation -e ".[dev]"
+	$(INSTALL) ".[dev]"
 	touch $@ $(VENV)/.train
 
 $(VENV)/.built: $(RUST) | $(BIN)/maturin
