@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# Without isolation pip calls the maturin of the path, which need not be that of the environment.
+PIP = PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip
 RUST := $(shell find rust -name '*.rs' -not -path '*/target/*') $(shell find rust -name Cargo.toml) Cargo.toml Cargo.lock python/vhs/_core.pyi
 CONFIG ?= configs/task2.yaml
 ARGS ?=
@@ -46,7 +48,7 @@ bench: $(VENV)/.dev $(VENV)/.built  ## run every benchmark; each asserts its own
 wheel: $(VENV)/.dev  ## build the sdist, from it the wheel, and use that where there is no Rust (dist/)
 	rm -rf dist
 	$(BIN)/maturin sdist --out dist
-	$(BIN)/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist dist/*.tar.gz
+	$(PIP) wheel --quiet --no-deps --no-build-isolation --wheel-dir dist dist/*.tar.gz
 	$(BIN)/python .ci/check_wheel.py dist/*.whl --extra train
 
 CASES ?= ../shared/cases
@@ -90,16 +92,13 @@ $(BIN)/maturin:
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet "maturin>=1.9.4,<2" "setuptools>=70.1"
 
-# Without isolation pip calls the maturin of the path, which need not be that of the environment.
-INSTALL = PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/pip install --no-build-isolation -e
-
 # Stamps: .train and .dev hold what each extra brings, .built is the extension module of the present Rust sources.
 $(VENV)/.train: pyproject.toml | $(BIN)/maturin
-	$(INSTALL) ".[train]"
+	$(PIP) install --no-build-isolation -e ".[train]"
 	touch $@
 
 $(VENV)/.dev: pyproject.toml | $(BIN)/maturin
-	$(INSTALL) ".[dev]"
+	$(PIP) install --no-build-isolation -e ".[dev]"
 	touch $@ $(VENV)/.train
 
 $(VENV)/.built: $(RUST) | $(BIN)/maturin
