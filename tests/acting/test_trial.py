@@ -1,6 +1,7 @@
 """What a task is found to be by trying it; what does not fit is said by the field that it stands in."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -174,7 +175,7 @@ def test_an_environment_that_hangs_is_told(when: str, monkeypatch: pytest.Monkey
 
 # A task that hangs in its first step; says the process in which it does.
 HANGING = """
-import os, sys, time
+import os, signal, sys, time
 sys.path[:0] = sys.argv[1:2]
 from dataclasses import replace
 from toy import Toy, toy_task
@@ -182,6 +183,7 @@ from vhs.acting.trial import try_task_apart
 
 class Hanging(Toy):
     def step(self, action):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # as where it hangs in native code
         print(os.getpid(), flush=True)
         time.sleep(1000)
 
@@ -191,14 +193,19 @@ try_task_apart(replace(toy_task(), make=Hanging))
 
 @pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the kernel says who ended on Linux alone")
-def test_a_trial_ends_with_whoever_asked_for_it() -> None:
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_a_trial_ends_with_whoever_asked_for_it(number: int) -> None:
     support = str(Path(__file__).parents[1] / "support")
     with subprocess.Popen(
         [sys.executable, "-c", HANGING, support], stdout=subprocess.PIPE, text=True
     ) as process:
         assert process.stdout is not None
         trial = int(process.stdout.readline())
-        process.kill()
+        process.send_signal(number)
+        try:
+            process.wait(30)
+        finally:
+            process.kill()
     deadline = time.monotonic() + 30
     while Path(f"/proc/{trial}").exists() and time.monotonic() < deadline:
         time.sleep(0.02)

@@ -9,10 +9,10 @@ from __future__ import annotations
 import mmap
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
+from contextlib import closing, contextmanager
 from multiprocessing import get_context
 
 from vhs.acting.environment import TaskEnv
@@ -63,17 +63,16 @@ def try_task_apart(task: Task, deadline_s: float = 60.0) -> TaskSpec:
 
     # The arguments of an initialiser are inherited, those of a call are pickled.
     arguments = (lambda: try_task(task, moved)), os.getpid()
-    with ProcessPoolExecutor(1, get_context("fork"), _remember, arguments) as process:
+    with ProcessPoolExecutor(1, get_context("fork"), _remember, arguments) as process, _ending(process):
         future = process.submit(_call)
         before, limit_s = 0, START_LIMIT_S
         while not wait([future], limit_s).done:
             now = int.from_bytes(taken[:])
             if now == before:
-                for child in list(process._processes.values()):
-                    child.kill()
                 raise ConfigError(
                     f"task {task.name}: expected an environment within {START_LIMIT_S:g} s and each step in "
-                    f"{deadline_s:g} s (env.deadline_s), found it hanging after {now} steps"
+                    f"{deadline_s:g} s (env.deadline_s), found it hanging after {now} steps; one that draws "
+                    "with OpenGL may hang where this process did before, and not in a fresh one"
                 )
             before, limit_s = now, deadline_s
         try:
@@ -82,6 +81,17 @@ def try_task_apart(task: Task, deadline_s: float = 60.0) -> TaskSpec:
             raise ConfigError(
                 f"task {task.name}: expected an episode, found its process dead (a fault in native code?)"
             ) from error
+
+
+@contextmanager
+def _ending(executor: ProcessPoolExecutor) -> Iterator[None]:
+    """Kill its process where anything is raised, Ctrl-C too: it would wait for one that may never end."""
+    try:
+        yield
+    except BaseException:
+        for child in list(executor._processes.values()):
+            child.kill()
+        raise
 
 
 _remembered: list[Callable[[], TaskSpec]] = []
