@@ -27,6 +27,8 @@ from vhs.runs.directory import describe
 
 BINS_PX = (0, 25, 50, 75, 100, 150, 84 * 84)
 HEADINGS = 8
+BLOCKED = 3
+"""Strides that went nowhere of a timeout that counts as blocked, at least."""
 FORWARD, TURN_LEFT = 0, 1
 
 
@@ -92,8 +94,10 @@ def main() -> None:
         low, high = row["pixels"]
         rate = row["success"] / max(row["episodes"], 1)
         print(f"{low:5}..{high - 1:<5} px {row['episodes']:5} episodes  success {rate:6.1%}")
+    timeouts = [record for record in records if record["outcome"] == "timeout"]
+    blocked = sum(record["strides_nowhere"] >= BLOCKED for record in timeouts)
+    print(f"{len(timeouts)} timeouts, {blocked} with {BLOCKED} strides or more that went nowhere")
     if options.out:
-        timeouts = [record for record in records if record["outcome"] == "timeout"]
         command = shlex.join(["python", *sys.argv])
         meta = {**describe(), "command": command, "trained_episodes": trained.trained_episodes, "table": rows}
         options.out.write_text(json.dumps({**meta, "timeouts": timeouts}) + "\n", encoding="utf-8")

@@ -44,11 +44,12 @@ class Start(NamedTuple):
 
     def __str__(self) -> str:
         """A sentence about it."""
+        named = f"{self.prototypes} prototypes of {self.classes} goal classes, " if self.prototypes else ""
         more = f"; new classes: {self.new_classes}" if self.new_classes else ""
         more += "; the head that says what is in view is new" if self.new_sight else ""
         return (
-            f"starting from {self.named} at episode {self.episodes}: its weights, {self.prototypes} "
-            f"prototypes of {self.classes} goal classes, {self.images} pictures of goals{more}"
+            f"starting from {self.named} at episode {self.episodes}: its weights, {named}"
+            f"{self.images} pictures of goals{more}"
         )
 
     def as_dict(self) -> dict[str, Any]:
