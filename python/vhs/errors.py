@@ -50,3 +50,8 @@ class PeerError(VhsError, RuntimeError):
 
 class ToldError(VhsError, RuntimeError):
     """What ended all processes of a training, in one that another process speaks for."""
+
+
+def without_frames(error: BaseException) -> str:
+    """What an error says, without the frames of C++ that torch may put behind it."""
+    return str(error).partition("\nException raised from ")[0]

@@ -20,7 +20,7 @@ from vhs.envs.find import task_in_file, task_in_module
 from vhs.envs.opengl import load_triton_first
 from vhs.envs.task import ROOMS, load_room
 from vhs.envs.words import task_of_words
-from vhs.errors import ConfigError
+from vhs.errors import ConfigError, without_frames
 from vhs.models import pick_device
 from vhs.task import Task, TaskSpec
 
@@ -156,7 +156,8 @@ def check_runnable(config: Config, task: Task | None = None) -> None:
     try:
         torch.zeros((), device=pick_device(config.train.device))
     except (RuntimeError, AssertionError) as error:
-        raise ConfigError(f"train.device: {config.train.device!r} cannot be used: {error}") from error
+        found = without_frames(error)
+        raise ConfigError(f"train.device: {config.train.device!r} cannot be used: {found}") from error
 
 
 def settled(config: Config, spec: TaskSpec) -> Config:

@@ -10,7 +10,7 @@ import torch
 
 from vhs._core import ShapeError
 from vhs.buffer import beside_dim
-from vhs.errors import ConfigError
+from vhs.errors import ConfigError, without_frames
 from vhs.models.agent import GoalAgent
 from vhs.models.device import pick_device
 from vhs.models.discriminative import DiscriminativeAgent
@@ -31,8 +31,17 @@ def make_agent(config: Config, spec: TaskSpec, extractor: ExtractorFactory | Non
         extractor: makes f; None: `model.extractor`, or what fits the task's frames.
 
     Raises:
-        ConfigError: an extractor that cannot be had or does not fit.
+        ConfigError: an extractor that cannot be had or does not fit; sizes that torch cannot make.
     """
+    try:
+        return _agent(config, spec, extractor)
+    except (RuntimeError, TypeError, OverflowError) as error:
+        raise ConfigError(
+            f"model: expected networks that can be made, found {without_frames(error)}"
+        ) from error
+
+
+def _agent(config: Config, spec: TaskSpec, extractor: ExtractorFactory | None) -> GoalAgent:
     model, method = config.model, config.method
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
@@ -94,6 +103,6 @@ def _own(factory: ExtractorFactory, config: Config, spec: TaskSpec) -> OwnExtrac
         raise ConfigError(
             f"model.extractor: expected a factory (observation_shape, feature_dim) -> module of features "
             f"[N, {config.model.feature_dim}] from {spec.frame_dtype} [N, {', '.join(map(str, observed))}], "
-            f"found {error}"
+            f"found {without_frames(error)}"
         ) from error
     return own

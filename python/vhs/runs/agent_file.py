@@ -24,7 +24,7 @@ from torch import Tensor
 
 from vhs.config import Config
 from vhs.config.variants import flat_config
-from vhs.errors import CheckpointError
+from vhs.errors import CheckpointError, ConfigError
 from vhs.learning.goals import Goals
 from vhs.models import ExtractorFactory, GoalAgent, make_agent
 from vhs.reading import read_bounded
@@ -87,7 +87,7 @@ class AgentFile:
         try:
             with torch.device("meta"):  # shapes alone, no memory
                 networks = make_agent(on_meta, spec, extractor).state_dict()
-        except (RuntimeError, TypeError, ValueError, OverflowError) as error:
+        except ConfigError as error:
             raise CheckpointError(
                 f"{self.path}: no network is like the configuration beside it: {error}"
             ) from error

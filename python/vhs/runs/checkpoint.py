@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from vhs import DamagedFileError, GoalStore, UnsupportedError
-from vhs.errors import CheckpointError
+from vhs.errors import CheckpointError, without_frames
 from vhs.reading import read_bounded
 from vhs.runs.files import new_directory, remove_directory, remove_partial, write_files, writing
 from vhs.runs.state import decode_state, encode_state
@@ -111,7 +111,7 @@ def read_checkpoint(checkpoint: Path) -> tuple[dict[str, Any], GoalStore]:
     except MemoryError as error:
         raise CheckpointError(f"{checkpoint}: cannot be read: not enough memory") from error
     except _DAMAGE as error:
-        raise CheckpointError(f"{checkpoint}: damaged checkpoint: {error}") from error
+        raise CheckpointError(f"{checkpoint}: damaged checkpoint: {without_frames(error)}") from error
     except OSError as error:
         raise CheckpointError(f"{checkpoint}: cannot be read: {error.strerror or error}") from error
     return state, goal_store
@@ -143,7 +143,9 @@ def fitting(run: Path) -> Iterator[None]:
             f"{run}: expected a checkpoint of this version of vhs, found one without {error}"
         ) from error
     except (AttributeError, IndexError, RuntimeError, TypeError, ValueError) as error:
-        raise CheckpointError(f"{run}: the checkpoint does not fit the configuration: {error}") from error
+        raise CheckpointError(
+            f"{run}: the checkpoint does not fit the configuration: {without_frames(error)}"
+        ) from error
 
 
 def has_checkpoint(run: Path) -> bool:
