@@ -74,7 +74,9 @@ def test_a_goal_is_shown_by_name_in_frames_or_observations(run: Path) -> None:
 
 def test_a_goal_that_is_none_and_pictures_of_another_size_are_sentences(run: Path) -> None:
     policy = load_agent(run)
-    with pytest.raises(LabelError, match=r"show: expected a goal of task task2 \(mustard, .*\), found tea"):
+    with pytest.raises(LabelError, match=r"show: expected a goal of task task2 \(mustard, .*\), found 'tea'"):
         policy.show("tea", np.zeros((1, 84, 84, 3), np.uint8))
+    with pytest.raises(LabelError, match=r"show: expected a goal of task task2 \(mustard, .*\), found 1\.5"):
+        policy.show(1.5, np.zeros((1, 84, 84, 3), np.uint8))  # type: ignore[arg-type]
     with pytest.raises(ShapeError, match=r"\[n, 84, 84, 6\], n at least 1, found \[1, 64, 64, 3\]"):
         policy.show("milk", np.zeros((1, 64, 64, 3), np.uint8))

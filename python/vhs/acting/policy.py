@@ -86,15 +86,23 @@ class Policy:
             ArgumentError: goals are not named by pictures of their class.
             LabelError, DtypeError, ShapeError: for an argument that does not fit; nothing has changed.
         """
-        names = self.task.goals or ()
-        if isinstance(goal, str) and goal not in names:
-            raise LabelError(
-                f"show: expected a goal of task {self.task.name} ({', '.join(names)}), found {goal}"
-            )
-        label = names.index(goal) if isinstance(goal, str) else operator.index(goal)
+        label = self._label(goal)
         if np.shape(pictures)[1:] == self.spec.frame_shape and len(self.spec.frame_shape) == 3:
             pictures = np.concatenate([pictures] * self.config.model.frame_stack, axis=-1)
         self.goals.show(label, np.ascontiguousarray(pictures))
+
+    def _label(self, goal: int | str) -> int:
+        """The class of a goal: a name's, or itself."""
+        names = self.task.goals or ()
+        if isinstance(goal, str) and goal in names:
+            return names.index(goal)
+        try:
+            return operator.index(goal)  # type: ignore[arg-type]
+        except TypeError:
+            known = ", ".join(names) or "its number"
+            raise LabelError(
+                f"show: expected a goal of task {self.task.name} ({known}), found {goal!r}"
+            ) from None
 
     def actor(self, seed: int, greedy: bool, num_streams: int = 1) -> Actor:
         """An actor whose samples depend on the seed alone."""
