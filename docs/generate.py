@@ -22,6 +22,8 @@ PARTS: dict[str, Callable[[], str]] = {
     "relabelling": tables.relabelling,
     "shipped agents": tables.shipped,
     "overlooked goals": tables.overlooked,
+    "goals behind objects": tables.aside,
+    "missed by agents": tables.missed,
     "localisation": tables.localisation,
     "imitated again": tables.replay,
     "new objects, shown": tables.shown,

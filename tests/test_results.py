@@ -24,9 +24,15 @@ def look(tool: str, tmp_path: Path, *arguments: str) -> Any:
 
 @pytest.mark.slow
 def test_overlooked_counts_every_episode_once(tmp_path: Path) -> None:
-    found = look("overlooked.py", tmp_path, "--episodes", "3")
-    assert sum(row["episodes"] for row in found["table"]) == 3
-    assert all(row["episodes"] == row["success"] + row["failure"] + row["timeout"] for row in found["table"])
+    picture = tmp_path / "missed.png"
+    found = look("overlooked.py", tmp_path, "--episodes", "75", "--seed", "5", "--picture", str(picture))
+    agent = found["agents"]["task2"]
+    for rows in (agent["pixels"], agent["aside"]):
+        assert sum(row["episodes"] for row in rows) == 75
+        assert all(row["episodes"] == row["success"] + row["failure"] + row["timeout"] for row in rows)
+    assert [one["seed"] for one in found["missed"]] == sorted(one["seed"] for one in agent["timeouts"])
+    assert all(one["agents"] == ["task2"] for one in found["missed"])
+    assert picture.exists() == bool(found["missed"])
 
 
 @pytest.mark.slow

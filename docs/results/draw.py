@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from results import records
 from results.records import HERE, METHODS, TASKS, VARIANTS, Curve, curves, load
-from results.tables import LONG, NEW_OBJECTS, SHORT
+from results.tables import LONG, NEW_OBJECTS, OVERLOOKED, SHORT
 from vhs.eval.paper import SUCCESS
 
 COLOURS = {"vhs": "#093dbe", "pg": "#8f498a", "gdan": "#e47711", "a3c": "#191a1b", "gcsl": "#17a874"}
@@ -127,11 +127,9 @@ def _two(found: dict[str, Any], names: dict[str, str]) -> Figure:
 
 
 def overlooked() -> Figure:
-    """Outcomes by how much of the goal can be seen."""
-    rows = load("overlooked-task2.json")["table"]
-    names = [
-        f"{low}-{high - 1}" if high < 84 * 84 else f"{low}+" for low, high in (row["pixels"] for row in rows)
-    ]
+    """Outcomes of the shipped agent by how much of the goal can be seen."""
+    rows = load(OVERLOOKED)["agents"]["shipped"]["pixels"]
+    names = [f"{row['from']}-{row['to'] - 1}" if row["to"] < 84 * 84 else f"{row['from']}+" for row in rows]
     figure, axes = plt.subplots(figsize=(7, 3.6), layout="constrained")
     counts = np.array([[row["success"], row["failure"] + row["timeout"]] for row in rows])
     shares = 100 * counts / counts.sum(axis=1, keepdims=True)

@@ -1,7 +1,8 @@
 """The tables of the results, as Markdown, from the JSON files beside this script; `docs/generate.py` asks."""
 
 import json
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from vhs.eval.compare import WINDOW
 from vhs.eval.paper import REFERENCE_RATE, SUCCESS
 
 LONG, SHORT, NEW_OBJECTS = "long-2026-11.json", "final-2026-11.json", "new-objects-2026-11.json"
+OVERLOOKED = "overlooked-task2.json"
 
 
 def long_runs() -> str:
@@ -82,15 +84,43 @@ def shipped() -> str:
 
 
 def overlooked() -> str:
-    """Success by how much of the goal can be seen."""
-    rows = []
-    for row in load("overlooked-task2.json")["table"]:
-        low, high = row["pixels"]
-        shown = (
+    """Success by how much of the goal can be seen: of the shipped agent, and of all that were asked."""
+
+    def shown(low: int, high: int) -> str:
+        return (
             f"below {high}" if low == 0 else f"{low} and more" if high == 84 * 84 else f"{low} to {high - 1}"
         )
-        rows.append([shown, str(row["episodes"]), _percent(row["success"] / row["episodes"])])
-    return _table(["pixels of the goal in the best view", "episodes", "success"], rows)
+
+    return _by("pixels", "pixels of the goal in the best view", shown)
+
+
+def aside() -> str:
+    """Success by how far another object stands from the straight line to the goal."""
+
+    def shown(low: float, high: float) -> str:
+        return (
+            f"below {high:g}" if low == 0 else f"{low:g} and more" if high == 10 else f"{low:g} to {high:g}"
+        )
+
+    return _by("aside", "metres", shown)
+
+
+def _by(key: str, title: str, shown: Callable[[Any, Any], str]) -> str:
+    agents = [agent[key] for agent in load(OVERLOOKED)["agents"].values()]
+    rows = []
+    for places in zip(*agents, strict=True):
+        first, rates = places[0], [row["success"] / row["episodes"] for row in places]
+        each = [_percent(rates[0]), _percent(float(np.mean(rates)))]
+        rows.append([shown(first["from"], first["to"]), str(first["episodes"]), *each])
+    return _table([title, "episodes", "shipped", "all"], rows)
+
+
+def missed() -> str:
+    """How many rooms were missed by how many agents."""
+    found = load(OVERLOOKED)
+    counts = Counter(len(room["agents"]) for room in found["missed"])
+    each = range(len(found["agents"]), 0, -1)
+    return _table(["missed by", *map(str, each)], [["rooms", *(str(counts[count]) for count in each)]])
 
 
 def localisation() -> str:
