@@ -153,6 +153,17 @@ def _from_above(axes: Axes, room: RoomEnv, seed: int) -> None:
     axes.set(xlim=(-half, half), ylim=(-half, half), aspect="equal", xticks=[], yticks=[])
 
 
+def show(name: str, found: dict[str, Any]) -> None:
+    """Print what an agent missed."""
+    print(f"{name}, {found['trained_episodes']} episodes")
+    for key, unit in (("pixels", "px"), ("aside", "m")):
+        for row in found[key]:
+            rate = row["success"] / max(row["episodes"], 1)
+            print(f"from {row['from']:4} {unit:2} {row['episodes']:5} episodes  success {rate:6.1%}")
+    blocked = sum(record["strides_nowhere"] >= BLOCKED for record in found["timeouts"])
+    print(f"{len(found['timeouts'])} timeouts, {blocked} with {BLOCKED} strides or more that went nowhere")
+
+
 def main() -> None:
     """Print what each agent missed, and how many missed the same; with --out write it all as JSON."""
     parser = argparse.ArgumentParser(
@@ -189,17 +200,6 @@ def main() -> None:
         options.out.write_text(
             json.dumps({**meta, "agents": agents, "missed": rooms}) + "\n", encoding="utf-8"
         )
-
-
-def show(name: str, found: dict[str, Any]) -> None:
-    """Print what an agent missed."""
-    print(f"{name}, {found['trained_episodes']} episodes")
-    for key, unit in (("pixels", "px"), ("aside", "m")):
-        for row in found[key]:
-            rate = row["success"] / max(row["episodes"], 1)
-            print(f"from {row['from']:4} {unit:2} {row['episodes']:5} episodes  success {rate:6.1%}")
-    blocked = sum(record["strides_nowhere"] >= BLOCKED for record in found["timeouts"])
-    print(f"{len(found['timeouts'])} timeouts, {blocked} with {BLOCKED} strides or more that went nowhere")
 
 
 if __name__ == "__main__":
