@@ -7,6 +7,8 @@ import sys
 import time
 from dataclasses import replace
 from functools import partial
+from multiprocessing import active_children
+from multiprocessing.context import ForkProcess
 from pathlib import Path
 from typing import Any
 
@@ -191,6 +193,11 @@ try_task_apart(replace(toy_task(), make=Hanging))
 """
 
 
+def _state(pid: int) -> str:
+    """Of the main thread of a process, as Linux says it: R for running, S for asleep."""
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the kernel says who ended on Linux alone")
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
@@ -201,6 +208,8 @@ def test_a_trial_ends_with_whoever_asked_for_it(number: int) -> None:
     ) as process:
         assert process.stdout is not None
         trial = int(process.stdout.readline())
+        while _state(process.pid) != "S":  # it waits: Python loses a Ctrl-C while it forks
+            time.sleep(0.02)
         process.send_signal(number)
         try:
             process.wait(30)
@@ -210,6 +219,34 @@ def test_a_trial_ends_with_whoever_asked_for_it(number: int) -> None:
     while Path(f"/proc/{trial}").exists() and time.monotonic() < deadline:
         time.sleep(0.02)
     assert not Path(f"/proc/{trial}").exists()
+
+
+def test_a_trial_ends_that_is_stopped_before_its_pool_knows_its_process(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As by Ctrl-C just after the fork; the end of this process would wait for it for ever."""
+
+    class Hanging(Toy):
+        def step(self, action: Any) -> Any:
+            time.sleep(1000)
+
+    start = ForkProcess.start
+
+    def stopped(process: ForkProcess) -> None:
+        start(process)
+        raise KeyboardInterrupt
+
+    before = set(active_children())
+    monkeypatch.setattr(ForkProcess, "start", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        try_task_apart(replace(toy_task(), make=Hanging))
+    deadline = time.monotonic() + 30
+    while set(active_children()) - before and time.monotonic() < deadline:
+        time.sleep(0.02)
+    left = set(active_children()) - before
+    for process in left:
+        process.kill()
+    assert not left
 
 
 DRAWN = """

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 
 from vhs.acting.environment import TaskEnv
 from vhs.errors import ConfigError
@@ -63,7 +63,7 @@ def try_task_apart(task: Task, deadline_s: float = 60.0) -> TaskSpec:
 
     # The arguments of an initialiser are inherited, those of a call are pickled.
     arguments = (lambda: try_task(task, moved)), os.getpid()
-    with ProcessPoolExecutor(1, get_context("fork"), _remember, arguments) as process, _ending(process):
+    with ProcessPoolExecutor(1, get_context("fork"), _remember, arguments) as process, _ending():
         future = process.submit(_call)
         before, limit_s = 0, START_LIMIT_S
         while not wait([future], limit_s).done:
@@ -84,12 +84,16 @@ def try_task_apart(task: Task, deadline_s: float = 60.0) -> TaskSpec:
 
 
 @contextmanager
-def _ending(executor: ProcessPoolExecutor) -> Iterator[None]:
-    """Kill its process where anything is raised, Ctrl-C too: it would wait for one that may never end."""
+def _ending() -> Iterator[None]:
+    """Kill what was started where anything is raised, Ctrl-C too: it would be waited for, and may never end.
+
+    The pool is not asked: it knows a process only a moment after that has begun.
+    """
+    before = set(active_children())
     try:
         yield
     except BaseException:
-        for child in list(executor._processes.values()):
+        for child in set(active_children()) - before:
             child.kill()
         raise
 
