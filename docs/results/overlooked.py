@@ -91,7 +91,9 @@ def aside(room: RoomEnv) -> float:
         for label, shape in enumerate(shapes)
         if label != room.goal
     ]
-    return min((abs(place.imag) for place in others if 0 < place.real < abs(goal)), default=BINS_M[-2])
+    return min(
+        (abs(place.imag) for place in others if 0 < place.real < abs(goal)), default=room.config.room_side_m
+    )
 
 
 def table(records: list[dict[str, Any]], key: str, bins: Sequence[float]) -> list[dict[str, Any]]:

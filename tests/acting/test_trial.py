@@ -208,7 +208,7 @@ def test_a_trial_ends_with_whoever_asked_for_it(number: int) -> None:
     ) as process:
         assert process.stdout is not None
         trial = int(process.stdout.readline())
-        while _state(process.pid) != "S":  # it waits: Python loses a Ctrl-C while it forks
+        while _state(process.pid) == "R":  # until it waits: Python loses a Ctrl-C while it forks
             time.sleep(0.02)
         process.send_signal(number)
         try:
