@@ -456,7 +456,8 @@ class EpisodeBuffer:
                 (alpha). None: steps have no priorities.
             backing: "memory"; "lz4", memory where each frame is compressed without loss; or the path of a
                 scratch file that does not exist yet and may grow larger than memory. The file vanishes with
-                the buffer, however the process ends; `save` is what keeps episodes.
+                the buffer, however the process ends; `save` is what keeps episodes. Any other bare word is
+                refused: "./scratch" is a file.
             persistent: True: `backing` is a folder, made or empty, that stays: `reopen` goes on with it, also
                 after a kill. As long as the buffer lives, nobody else may change its files.
             seed: Of the generator behind sampling, in 0..2**64.

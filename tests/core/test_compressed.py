@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -79,3 +80,16 @@ def test_what_cannot_be_compressed_says_so(tmp_path: Path) -> None:
     filled("memory").save(tmp_path / "saved")
     with pytest.raises(vhs.ArgumentError, match='`backing`: expected "memory" where mmap is true'):
         vhs.EpisodeBuffer.load(tmp_path / "saved", mmap=True, backing="lz4")
+
+
+@pytest.mark.parametrize("word", ["zstd", "LZ4", "Memory", ""])
+def test_a_bare_word_is_no_scratch_file(word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    filled("memory").save(tmp_path / "saved")
+    monkeypatch.chdir(tmp_path)
+    expected = re.escape(f'"memory", "lz4" or the path of a scratch file, such as "./scratch", got "{word}"')
+    for make in (filled, lambda backing: vhs.EpisodeBuffer.load("saved", backing=backing)):
+        with pytest.raises(vhs.ArgumentError, match=f"`backing`: expected {expected}"):
+            make(word)
+    assert [file.name for file in tmp_path.iterdir()] == ["saved"], "nothing was made"
+    filled(Path("zstd"))
+    filled("zstd", persistent=True)

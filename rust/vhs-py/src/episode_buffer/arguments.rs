@@ -1,7 +1,7 @@
 //! Arguments of `vhs.EpisodeBuffer`: frames, goals and actions as the core wants them.
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{MAIN_SEPARATOR, Path, PathBuf};
 
 use numpy::{PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -180,7 +180,8 @@ pub(super) fn interactions(
     Ok((size("num_interactions", count)?, pairs))
 }
 
-/// Memory, compressed or not, or the scratch file at a path.
+/// Memory, compressed or not, or the scratch file at a path. A scratch file loses its name at once, so a bare
+/// word is no file but a slip: "Memory", "zstd".
 pub(super) fn backing(argument: Option<&Bound<'_, PyAny>>) -> PyResult<Backing> {
     let Some(argument) = argument else {
         return Ok(Backing::Memory);
@@ -189,22 +190,36 @@ pub(super) fn backing(argument: Option<&Bound<'_, PyAny>>) -> PyResult<Backing> 
         match &*word.to_cow()? {
             "memory" => return Ok(Backing::Memory),
             "lz4" => return Ok(Backing::Packed),
+            other if !other.contains(['.', '/', MAIN_SEPARATOR]) => {
+                return Err(to_py(Error::Argument {
+                    field: "backing",
+                    expected:
+                        "\"memory\", \"lz4\" or the path of a scratch file, such as \"./scratch\""
+                            .into(),
+                    got: format!("\"{other}\""),
+                }));
+            }
             _ => {}
         }
     }
     Ok(Backing::Scratch(argument.extract::<PathBuf>()?))
 }
 
-/// The folder of a buffer that stays on the disk.
+/// The folder of a buffer that stays on the disk; any word but those for memory is one.
 pub(super) fn folder(argument: Option<&Bound<'_, PyAny>>) -> PyResult<PathBuf> {
-    match backing(argument)? {
-        Backing::Scratch(path) => Ok(path),
-        _ => Err(to_py(Error::Argument {
+    let path = match argument {
+        Some(argument) => argument.extract::<PathBuf>()?,
+        None => "memory".into(),
+    };
+    let is_word = argument.is_none_or(|argument| argument.is_instance_of::<PyString>());
+    if is_word && [Path::new("memory"), Path::new("lz4")].contains(&&*path) {
+        return Err(to_py(Error::Argument {
             field: "backing",
             expected: "a folder where persistent is true".into(),
-            got: "memory".into(),
-        })),
+            got: format!("\"{}\"", path.display()),
+        }));
     }
+    Ok(path)
 }
 
 /// Refuses sums of several steps whose rewards only a function knows.
