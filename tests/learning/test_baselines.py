@@ -57,7 +57,7 @@ def run_episode(
 ) -> tuple[list[Tensor], Tensor, Tensor]:
     """Log-probabilities of the actions taken, values and entropies of one episode."""
     first, steps = int(batch.offsets[episode]), int(batch.lengths[episode])
-    log_probs, values, _ = agent(
+    log_probs, values, *_ = agent(
         features[first : first + steps].unsqueeze(0), goal.unsqueeze(0), torch.tensor([interaction])
     )
     taken = [log_probs[0, t, int(batch.actions[episode, t])] for t in range(steps)]

@@ -25,6 +25,7 @@ from .parts import FRAME, fill_store, goals_for
 MOVES = {0: (1.0, 0.0, 0.0), 1: (0.0, 0.0, math.pi / 2), 2: (0.0, 0.0, -math.pi / 2)}
 SPEC = replace(TOY_SPEC, moves=MOVES)
 ON = "method.localisation_weight=1"
+KEYS = ("localisation_weight", "memory_weight")
 
 
 def episodes(*walks: tuple[list[int], Outcome, int], noise: int = 0) -> EpisodeBatch:
@@ -123,19 +124,21 @@ def test_a_success_is_what_it_was_told_and_a_failure_the_nearest_prototype() -> 
     batch = episodes(([0, 1], Outcome.SUCCESS, 2), ([0], Outcome.TIMEOUT, 1), ([1, 0], Outcome.FAILURE, 1))
     features = torch.randn(len(batch.observations), 16, generator=torch.Generator().manual_seed(0))
     sequences = features[: 3 * 2].view(3, 2, 16)
-    reached = learner._reached(batch, features, sequences)
+    reckon = Reckoning(MOVES, SPEC, ahead_m=0.5)
+    reckoned = reckon(batch)
+    reached = learner._reached(batch, reckoned, features, sequences)
     assert reached is not None
     assert reached.labels.tolist() == [2], "before there are prototypes nobody knows what a failure reached"
     end = features[batch.offsets[2] + batch.lengths[2]]
     table = torch.stack([-end, end * 3, end.flip(0)]).numpy()
     learner.goals.prototypes.update(table, np.arange(3))
-    reached = learner._reached(batch, features, sequences)
+    reached = learner._reached(batch, reckoned, features, sequences)
     assert reached is not None
     assert reached.labels.tolist() == [2, 1]
     assert torch.equal(reached.features, sequences[[0, 2]])
     assert reached.valid.tolist() == [[1, 1], [1, 1]]
     timeouts = episodes(([0], Outcome.TIMEOUT, 0))
-    assert learner._reached(timeouts, features, sequences[:1]) is None
+    assert learner._reached(timeouts, reckon(timeouts), features, sequences[:1]) is None
 
 
 def test_the_term_teaches_its_head_and_the_extractor_alone() -> None:
@@ -162,30 +165,33 @@ def test_the_head_is_learned_to_the_end() -> None:
 
 
 def test_weights_are_the_same_with_and_without_the_head() -> None:
-    plain = make_learner(toy_config("vhs", "method.localisation_weight=0"), SPEC).agent
+    nothing = ("method.localisation_weight=0", "method.memory_weight=0")
+    plain = make_learner(toy_config("vhs", *nothing), SPEC).agent
     assert plain.sight is None
+    assert plain.bearing is None
     own = localising().agent.state_dict()
     for name, weight in plain.state_dict().items():
         assert torch.equal(own.pop(name), weight), name
-    assert {name.partition(".")[0] for name in own} == {"sight"}
+    assert {name.partition(".")[0] for name in own} == {"sight", "bearing"}
 
 
 def test_a_task_without_moves_does_without() -> None:
     assert TOY_SPEC.moves is None
     for weight in ("0", "null"):
-        config = toy_config("vhs", f"method.localisation_weight={weight}")
+        config = toy_config("vhs", *(f"method.{key}={weight}" for key in KEYS))
         check_spec(config, TOY, TOY_SPEC)
         learner = make_learner(config, TOY_SPEC)
-        assert learner.agent.sight is None
+        assert learner.agent.sight is learner.agent.bearing is None
         batch = episodes(([0, 1, 0], Outcome.SUCCESS, 0))
-        assert "localise" not in learner.update(batch, goals_for(batch, 16))
-    message = (
-        "method.localisation_weight: expected 0 or null, as task toy has not all of `moves` (what its "
-        "actions do to the pose), goals that are classes, and pictures, found 1.0"
-    )
-    with pytest.raises(ConfigError) as caught:
-        check_spec(toy_config("vhs", ON), TOY, TOY_SPEC)
-    assert str(caught.value) == message
+        assert not {"localise", "remember"} & learner.update(batch, goals_for(batch, 16)).keys()
+    for key in KEYS:
+        message = (
+            f"method.{key}: expected 0 or null, as task toy has not all of `moves` (what its "
+            "actions do to the pose), goals that are classes, and pictures, found 1.0"
+        )
+        with pytest.raises(ConfigError) as caught:
+            check_spec(toy_config("vhs", f"method.{key}=1"), TOY, TOY_SPEC)
+        assert str(caught.value) == message
 
 
 def test_a_task_with_moves_localises_unless_told_otherwise(tmp_path: Path) -> None:
@@ -193,15 +199,19 @@ def test_a_task_with_moves_localises_unless_told_otherwise(tmp_path: Path) -> No
     assert make_learner(toy_config("vhs", "method.localisation_weight=0"), SPEC).agent.sight is None
     assert make_learner(toy_config("pg"), SPEC).agent.sight is None
     tree = load_config().model_dump(mode="json")
-    del tree["method"]["localisation_weight"]
+    for key in (*KEYS, "imitate_still"):
+        del tree["method"][key]
     path = tmp_path / "config.yaml"
     path.write_text(dump_yaml(tree))
-    assert load_config([path]).method.localisation_weight == 0, "saved before there was such a term"
+    method = load_config([path]).method
+    assert (method.localisation_weight, method.memory_weight) == (0, 0), "saved before there were such terms"
+    assert method.imitate_still
 
 
 def test_the_paper_has_none_of_it() -> None:
     paper = load_config([Path(__file__).parents[2] / "configs" / "paper.yaml"])
-    assert paper.method.localisation_weight == 0
+    method = paper.method
+    assert (method.localisation_weight, method.memory_weight, method.imitate_still) == (0, 0, True)
 
 
 @pytest.mark.parametrize(

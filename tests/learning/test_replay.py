@@ -104,7 +104,7 @@ def test_kept_episodes_are_imitated_under_what_they_reached() -> None:
         first, steps = int(joined.offsets[row]), int(joined.lengths[row])
         goal = features[first + steps].detach()[None]
         done = torch.tensor([1])  # action 4, which each ends with, does interaction 1
-        policy, _, _ = agent(features[first : first + steps][None], goal, done)
+        policy, *_ = agent(features[first : first + steps][None], goal, done)
         actions = torch.from_numpy(joined.actions[row, :steps])[None]
         taken = agent.head.log_prob(policy, actions)[0]
         weights = 0.5 ** torch.arange(steps - 1, -1, -1.0)

@@ -29,10 +29,10 @@ def sequence(batch: int = 2, steps: int = 5) -> tuple[Tensor, Tensor, Tensor]:
 
 def test_a_sequence_equals_its_steps_one_by_one(agent: GoalAgent) -> None:
     features, goals, interactions = sequence()
-    log_probs, values, _ = agent(features, goals, interactions)
+    log_probs, values, *_ = agent(features, goals, interactions)
     state: RecurrentState | None = agent.initial_state(2)
     for step in range(features.shape[1]):
-        one_log_probs, one_values, state = agent(features[:, step : step + 1], goals, interactions, state)
+        one_log_probs, one_values, _, state = agent(features[:, step : step + 1], goals, interactions, state)
         torch.testing.assert_close(one_log_probs[:, 0], log_probs[:, step])
         torch.testing.assert_close(one_values[:, 0], values[:, step])
 
@@ -45,7 +45,7 @@ def test_a_step_sees_nothing_of_later_steps(agent: GoalAgent) -> None:
 
 
 def test_policy_is_a_distribution_that_starts_near_uniform(agent: GoalAgent) -> None:
-    log_probs, values, _ = agent(*sequence())
+    log_probs, values, *_ = agent(*sequence())
     torch.testing.assert_close(log_probs.exp().sum(-1), torch.ones(2, 5))
     assert log_probs.exp().sub(1 / 6).abs().max() < 0.02
     assert values.abs().max() < 0.1

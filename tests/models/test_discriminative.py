@@ -30,10 +30,10 @@ def sequence(steps: int = 5) -> tuple[Tensor, Tensor, Tensor]:
 
 def test_a_sequence_equals_its_steps_one_by_one(agent: DiscriminativeAgent) -> None:
     features, goals, interactions = sequence()
-    log_probs, values, _ = agent(features, goals, interactions)
+    log_probs, values, *_ = agent(features, goals, interactions)
     state: RecurrentState | None = agent.initial_state(2)
     for step in range(features.shape[1]):
-        one_log_probs, one_values, state = agent(features[:, step : step + 1], goals, interactions, state)
+        one_log_probs, one_values, _, state = agent(features[:, step : step + 1], goals, interactions, state)
         torch.testing.assert_close(one_log_probs[:, 0], log_probs[:, step])
         torch.testing.assert_close(one_values[:, 0], values[:, step])
 
@@ -54,7 +54,7 @@ def test_the_attention_is_tanh_of_query_and_key_times_value(agent: Discriminativ
 
 
 def test_actor_and_critic_read_the_discriminator_and_do_not_train_it(agent: DiscriminativeAgent) -> None:
-    log_probs, values, _ = agent(*sequence())
+    log_probs, values, *_ = agent(*sequence())
     (log_probs[..., 0].sum() + values.sum()).backward()
     assert all(parameter.grad is None for parameter in agent.recognise.parameters())
     assert all(parameter.grad is None for parameter in agent.classify.parameters())

@@ -31,10 +31,8 @@ MOVES = {0: (0.5, 0.0, 0.0), 1: (0.0, 0.0, 0.8), 2: (0.0, 0.0, -0.8)}
 def learner(classes: int, *overrides: str, seed: int = 0) -> Learner:
     """One at its beginning, of a task with `classes` goals."""
     settings = ["model.channels=[4, 4]", "model.feature_dim=8", "method.goal_capacity=120", f"seed={seed}"]
-    moves = None if "method.localisation_weight=0" in overrides else MOVES
-    return make_learner(
-        load_config([], [*settings, *overrides]), replace(SPEC, num_goals=classes, moves=moves)
-    )
+    spec = replace(SPEC, num_goals=classes, moves=MOVES)
+    return make_learner(load_config([], [*settings, *overrides]), spec)
 
 
 def saved(run: Path, of: Learner, images: int = 6) -> Path:
@@ -68,7 +66,7 @@ def test_weights_prototypes_and_images_are_taken_and_all_else_is_new(tmp_path: P
         "new_classes": 0,
         "prototypes": 3,
         "images": 18,
-        "new_sight": False,
+        "new_heads": (),
     }
     for name, value in new.agent.state_dict().items():
         assert torch.equal(value, old.agent.state_dict()[name]), name
@@ -128,7 +126,11 @@ def test_a_smaller_store_takes_as_many_images_as_it_holds(tmp_path: Path) -> Non
     [
         (2, [], r"train\.start_from: expected at most 2 goal classes, as the task has, found 3 in "),
         (3, ["model.feature_dim=4"], r"train\.start_from: expected features of 4 numbers, found 8 in "),
-        (3, ["model.hidden_dim=4"], r"here too: `lstm\.bias_hh_l0` is of shape \[16\], there \[1024\]"),
+        (
+            3,
+            ["model.hidden_dim=4"],
+            r"here too: `bearing\.0\.weight` is of shape \[128, 4\], there \[128, 256\]",
+        ),
     ],
 )
 def test_what_does_not_fit_is_a_sentence_and_changes_nothing(
@@ -142,18 +144,24 @@ def test_what_does_not_fit_is_a_sentence_and_changes_nothing(
     assert not new.goals.state_dict()["seen"].any()
 
 
+@pytest.mark.parametrize("lacking", [("localisation",), ("memory",), ("localisation", "memory")])
 @pytest.mark.parametrize("is_new", [False, True])
-def test_a_head_that_acting_does_not_read_may_be_new_or_missing(is_new: bool, tmp_path: Path) -> None:
-    blind = "method.localisation_weight=0"
-    old, new = (learner(3, blind), learner(3)) if is_new else (learner(3), learner(3, blind))
-    fresh = {
-        name: value.clone() for name, value in new.agent.state_dict().items() if name.startswith("sight.")
-    }
+def test_a_head_that_acting_does_not_read_may_be_new_or_missing(
+    is_new: bool, lacking: tuple[str, ...], tmp_path: Path
+) -> None:
+    blind = [f"method.{key}_weight=0" for key in ("localisation", "memory") if key in lacking]
+    old, new = (learner(3, *blind), learner(3)) if is_new else (learner(3), learner(3, *blind))
+    prefix = new.agent.aside
+    fresh = {name: value.clone() for name, value in new.agent.state_dict().items() if name.startswith(prefix)}
     begun = start(str(saved(tmp_path, old)), new)
-    assert begun.new_sight == is_new == ("what is in view is new" in str(begun))
+    heads = {"localisation": "sight", "memory": "bearing"}
+    names = tuple(sorted(heads[key] for key in lacking)) if is_new else ()
+    assert begun.new_heads == names
+    assert (f"heads that are new: {', '.join(names)}" in str(begun)) == is_new
     theirs = old.agent.state_dict()
     for name, value in new.agent.state_dict().items():
-        assert torch.equal(value, fresh.get(name, theirs.get(name)))
+        is_old = name in theirs
+        assert torch.equal(value, theirs[name] if is_old else fresh[name])
 
 
 def test_the_start_must_be_there(tmp_path: Path) -> None:

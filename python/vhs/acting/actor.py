@@ -88,17 +88,17 @@ class Actor:
         self._agent.eval()
         index = to_device(streams, self._goals.device)
         features = self._agent.extractor(to_device(observations, self._goals.device), self._dtype)
-        policy, values, state = self._agent(
+        found = self._agent(
             features.unsqueeze(1),
             self._goals[index],
             self._interactions[index],
             RecurrentState(self._hidden[index], self._cell[index]),
             None if beside is None else to_device(beside, self._goals.device).unsqueeze(1),
         )
-        self._hidden[index], self._cell[index] = state.hidden, state.cell
+        self._hidden[index], self._cell[index] = found.state
         # One copy back from the device: policy and value of each stream side by side.
-        found = torch.cat([policy[:, 0].float(), values.float()], dim=1).cpu()
-        return self._choose(found[:, :-1]).numpy(), found[:, -1].contiguous().numpy()
+        both = torch.cat([found.policy[:, 0].float(), found.values.float()], dim=1).cpu()
+        return self._choose(both[:, :-1]).numpy(), both[:, -1].contiguous().numpy()
 
     def _choose(self, policy: Tensor) -> Tensor:
         head = self._agent.head

@@ -162,11 +162,13 @@ def check_runnable(config: Config, task: Task | None = None) -> None:
 
 def settled(config: Config, spec: TaskSpec) -> Config:
     """The same configuration with what a task decides filled in: keys of `method` that are null."""
-    can_localise = spec.can_localise and "localise" in config.method.row.terms
+    can_localise, terms = spec.can_localise, config.method.row.terms
     # Where every picture is a goal, or the task says where one was reached, a timeout reached something too.
     reaches_on_the_way = spec.goals != "labels" or spec.is_touched_told
     own = {
-        "localisation_weight": 1.0 if can_localise else 0.0,
+        "localisation_weight": 1.0 if can_localise and "localise" in terms else 0.0,
+        "memory_weight": 0.5 if can_localise and "remember" in terms else 0.0,
+        "imitate_still": not can_localise,
         "supcon_batch": max(16, 2 * spec.num_goals),
         "relabel_on": ("failure", "timeout") if reaches_on_the_way else ("failure",),
     }
@@ -218,12 +220,12 @@ def check_spec(config: Config, task: Task, spec: TaskSpec, *, is_own: bool = Fal
             f"task {task.name}: expected frames uint8, of which images of reached goals are kept for "
             f"{', '.join(needs)}, found {np.dtype(spec.frame_dtype)}; method.name = a3c keeps none"
         )
-    if method.localisation_weight and not spec.can_localise:
-        raise ConfigError(
-            f"method.localisation_weight: expected 0 or null, as task {task.name} has not all of `moves` "
-            "(what its actions do to the pose), goals that are classes, and pictures, "
-            f"found {method.localisation_weight}"
-        )
+    for key in ("localisation_weight", "memory_weight"):
+        if getattr(method, key) and not spec.can_localise:
+            raise ConfigError(
+                f"method.{key}: expected 0 or null, as task {task.name} has not all of `moves` (what its "
+                f"actions do to the pose), goals that are classes, and pictures, found {getattr(method, key)}"
+            )
     if not spec.has_classes and "discriminator" in method.row.terms:
         raise ConfigError(
             f"method.name: expected one without a goal-discriminator, as task {task.name} names no goal "

@@ -52,6 +52,8 @@ _IMITATION_VALUE = Of(("imitation_value",))
 _REPLAY = Of(("replay",))
 _DISCRIMINATOR = Of(("discriminator",))
 _LOCALISE = Of(("localise",))
+_REMEMBER = Of(("remember",))
+_RECKONING = Of(("localise", "remember"))
 
 
 def _known_method(name: str) -> str:
@@ -144,6 +146,9 @@ class MethodSection(_Section):
     hindsight_discount: Annotated[Probability, _IMITATION] = 0.7
     """Weight of an imitated action for each step between it and the end of its episode (paper: 1); below 1
     the approach to the goal counts more than the wandering before it."""
+    imitate_still: Annotated[bool | None, _IMITATION] = None
+    """Whether steps that changed nothing in what the agent sees are imitated too, such as a stride against a
+    wall (paper: true); null is false where the task says `moves`, and true elsewhere."""
     vhs_weight: Annotated[NonNegativeFloat, _IMITATION] = 1.0
     """Weight of the self-imitation loss, of kept episodes too (paper: beta, no number given)."""
     replay_ratio: Annotated[NonNegativeInt, _REPLAY] = 2
@@ -164,13 +169,18 @@ class MethodSection(_Section):
     """Weight of hindsight localisation: whether what an episode reached was in view at each of its steps, by
     dead reckoning from its end (the paper has none); null is 1 where the task says what actions do to the
     pose (`moves`), and 0 elsewhere."""
-    localisation_ahead_m: Annotated[NonNegativeFloat, _LOCALISE] = 0.5
+    localisation_ahead_m: Annotated[NonNegativeFloat, _RECKONING] = 0.5
     """Metres in front of an episode's last pose at which what it reached is taken to lie."""
     localisation_in_view_deg: Annotated[Degrees, _LOCALISE] = 28.0
     """What lies less far to either side is in view; half the camera's angle of view, and less by what dead
     reckoning is off."""
     localisation_out_of_view_deg: Annotated[Degrees, _LOCALISE] = 48.0
     """What lies further to either side is not in view; what lies between the two says nothing."""
+
+    memory_weight: Annotated[NonNegativeFloat | None, _REMEMBER] = None
+    """Weight of what the memory is asked: in which of eight directions lies what an episode reached, seen or
+    not, by the same dead reckoning (the paper has none); null is 0.5 where the task says `moves`, and 0
+    elsewhere."""
 
     @property
     def row(self) -> Method:
@@ -331,7 +341,13 @@ class Config(_Section):
         return self
 
 
-DECIDED_BY_TASK = ("method.supcon_batch", "method.relabel_on", "method.localisation_weight")
+DECIDED_BY_TASK = (
+    "method.supcon_batch",
+    "method.relabel_on",
+    "method.localisation_weight",
+    "method.memory_weight",
+    "method.imitate_still",
+)
 """Keys that are null until the task is known (`vhs.acting.setup.settled`)."""
 
 
@@ -347,7 +363,12 @@ def unread_keys(parts: frozenset[str]) -> Iterator[tuple[str, Of]]:
 GONE = frozenset({"train.learners"})
 """Keys that a whole configuration of an earlier version may still have, and that nothing reads any more."""
 
-BEFORE: dict[str, Any] = {"method.localisation_weight": 0.0, "method.replay_ratio": 0}
+BEFORE: dict[str, Any] = {
+    "method.localisation_weight": 0.0,
+    "method.memory_weight": 0.0,
+    "method.replay_ratio": 0,
+    "method.imitate_still": True,
+}
 """What a key had been before it existed: a whole configuration that lacks it was saved then."""
 
 

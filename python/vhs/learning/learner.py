@@ -24,9 +24,10 @@ from vhs.config import MethodSection, TrainSection
 from vhs.errors import DivergenceError
 from vhs.learning.goals import GoalImages, Goals
 from vhs.learning.merging import Terms, average_gradients
-from vhs.learning.reckoning import Reckoning
+from vhs.learning.reckoning import Reckoned, Reckoning
 from vhs.learning.replay import Replay
-from vhs.learning.terms import TERMS, Episodes, Forward, Images, Over, Reached, Term
+from vhs.learning.stillness import Stillness
+from vhs.learning.terms import TERMS, Episodes, Forward, Images, Over, Reached, Remembered, Term
 from vhs.models import GoalAgent, to_device, to_numpy
 from vhs.world import ALONE, World
 
@@ -45,6 +46,8 @@ class Share(NamedTuple):
     """What of all B + R reached, if it reached anything."""
     imitated: NDArray[np.int64]
     """Which of the batch are imitated under that, those that are replayed last."""
+    is_still: NDArray[np.bool_]
+    """Steps of those that are not imitated, as they changed nothing, bool [B + R, T]."""
     images: GoalImages | None
 
     @property
@@ -66,8 +69,8 @@ class _Pass(NamedTuple):
     over: Over
     rows: NDArray[np.int64]
     """Which of the batch, shape [B]."""
-    lengths: NDArray[np.int64]
-    """Steps of each that terms are over: those until it reached that goal, shape [B]."""
+    is_valid: NDArray[np.bool_]
+    """Steps of each that terms are over, shape [B, T]: until it reached that goal, and not still."""
     inputs: tuple[Tensor, Tensor, Tensor]
     """Features [B, T, feature_dim], goals [B, feature_dim], interactions [B]."""
     known: Tensor | None
@@ -104,6 +107,7 @@ class Learner:
         dtype: torch.dtype,
         rng: Rng,
         reckoning: Reckoning | None = None,
+        stillness: Stillness | None = None,
         replay: Replay | None = None,
         world: World = ALONE,
     ) -> None:
@@ -118,6 +122,7 @@ class Learner:
             dtype: type in which the convolutions multiply.
             rng: the source of the relabelling decisions.
             reckoning: says where what was reached had been; without it the terms on that are left out.
+            stillness: says which steps changed nothing, which are then not imitated; without it all are.
             replay: keeps episodes to be imitated again; without it the terms on them are left out.
             world: the ranks that take each step together.
         """
@@ -134,12 +139,13 @@ class Learner:
         self._method = method
         self._train = train
         self._success_reward = success_reward
-        self._reckoning = reckoning
+        self._reckoning, self._stillness = reckoning, stillness
         # Without classes there is nothing to tell images of goals apart by.
         lacking = {
             over
             for over, is_there in (
-                ("reached", reckoning is not None),
+                ("reached", reckoning is not None and agent.sight is not None),
+                ("remembered", reckoning is not None and agent.bearing is not None),
                 ("replayed", replay is not None),
                 ("images", goals.has_classes),
             )
@@ -187,7 +193,9 @@ class Learner:
             DivergenceError: a loss is not finite; the weights are as before.
             PeerError: another rank is gone.
         """
-        share = Share(batch, goals, *self._relabel(batch, len(goals), touched), self._images())
+        hindsight, imitated = self._relabel(batch, len(goals), touched)
+        is_still = self._still(batch, hindsight, imitated)
+        share = Share(batch, goals, hindsight, imitated, is_still, self._images())
         learned = self._learn(share)
         if "relabelled" in self._over:
             num_relabelled = (share.imitated < share.num_ended).sum()
@@ -242,6 +250,17 @@ class Learner:
         reached = relabel(batch, on=tuple(Outcome), probability=1.0, rng=0, ends=ends)
         return reached, np.concatenate([imitated, np.arange(num_ended, len(batch.lengths))])
 
+    def _still(
+        self, batch: EpisodeBatch, hindsight: Hindsight, imitated: NDArray[np.int64]
+    ) -> NDArray[np.bool_]:
+        """Of the steps of imitated episodes those that changed nothing; the one that reached it is none."""
+        if self._stillness is None:
+            return np.zeros(batch.mask.shape, np.bool_)
+        is_before_end = np.zeros(batch.mask.shape, np.bool_)
+        steps = np.arange(batch.mask.shape[1])
+        is_before_end[imitated] = steps < hindsight.lengths[imitated, None] - 1
+        return self._stillness(batch, is_before_end)
+
     def _images(self) -> GoalImages | None:
         return self.goals.batch() if "images" in self._over else None
 
@@ -293,20 +312,29 @@ class Learner:
                 if told is not None
                 else None
             )
-            policy, values, _ = agent(*inputs, beside=everywhere)
+            made = agent(*inputs, beside=everywhere)
             sizes = [len(one.rows) for one in passes]
-            for one, own, seen in zip(passes, policy.split(sizes), values.split(sizes), strict=True):
+            parts = (part.split(sizes) for part in (made.policy, made.values, made.hidden))
+            for one, policy, values, hidden in zip(passes, *parts, strict=True):
                 passed[one.over] = Episodes(
                     one.rows,
                     agent.head,
-                    own[:, :length],
-                    seen[:, :length],
+                    policy[:, :length],
+                    values[:, :length],
+                    hidden[:, :length],
                     self._tensor(batch.actions[one.rows]),
-                    self._tensor(np.arange(length) < one.lengths[:, None]).float(),
-                    self._beyond(batch, one.rows, seen) if is_cut.any() else None,
+                    self._tensor(one.is_valid).float(),
+                    self._beyond(batch, one.rows, values) if is_cut.any() else None,
                 )
         images = None if share.images is None else Images(image_features, share.images.labels)
-        reached = self._reached(batch, features, sequences[:, :length]) if "reached" in self._over else None
+        reached = remembered = None
+        if {"reached", "remembered"} & self._over:
+            assert self._reckoning is not None
+            reckoned = self._reckoning(batch)
+            if "reached" in self._over:
+                reached = self._reached(batch, reckoned, features, sequences[:, :length])
+            if "remembered" in self._over:
+                remembered = self._remembered(batch, reckoned, passed)
         return Forward(
             agent,
             batch,
@@ -317,6 +345,7 @@ class Learner:
             replayed=passed.get("replayed"),
             images=images,
             reached=reached,
+            remembered=remembered,
             method=self._method,
             train=self._train,
             success_reward=self._success_reward,
@@ -343,12 +372,13 @@ class Learner:
             goals = self.goals.instructed(agent, batch, share.goals, shown)[:count]
             inputs = sequences[:count], goals, self._tensor(batch.interactions[:count])
             own = None if known is None else known[:count]
-            passes.append(_Pass("lived", np.arange(count), batch.lengths[:count], inputs, own))
+            passes.append(_Pass("lived", np.arange(count), batch.mask[:count], inputs, own))
         if not len(share.imitated):
             return passes
         rows = hindsight.goal_rows[share.imitated]
         reached = self.goals.hindsight(agent, batch, rows, features[self._tensor(rows)], shown)
         is_replayed = share.imitated >= count
+        steps = np.arange(batch.mask.shape[1])
         over: Over
         for over, is_part in (("relabelled", ~is_replayed), ("replayed", is_replayed)):
             places = np.flatnonzero(is_part)
@@ -358,13 +388,15 @@ class Learner:
                 done = self._tensor(hindsight.interactions)[chosen]
                 inputs = sequences[chosen], reached[self._tensor(places)], done
                 own = None if known is None else known[chosen]
-                passes.append(_Pass(over, selected, hindsight.lengths[selected], inputs, own))
+                is_reaching = steps < hindsight.lengths[selected, None]
+                passes.append(_Pass(over, selected, is_reaching & ~share.is_still[selected], inputs, own))
         return passes
 
-    def _reached(self, batch: EpisodeBatch, features: Tensor, sequences: Tensor) -> Reached | None:
+    def _reached(
+        self, batch: EpisodeBatch, reckoned: Reckoned, features: Tensor, sequences: Tensor
+    ) -> Reached | None:
         """Views of what episodes reached: what a success was told, what a failure's end looks like."""
-        assert self._reckoning is not None
-        rows, bearings = self._reckoning(batch)
+        rows, bearings = reckoned
         labels = self._tensor(batch.goals[rows])
         ends = features[self._tensor(batch.offsets[rows] + batch.lengths[rows])].detach()
         is_told = batch.outcomes[rows] == Outcome.SUCCESS
@@ -382,13 +414,35 @@ class Learner:
         valid = self._tensor(batch.mask[rows]).float()
         return Reached(sequences[self._tensor(rows)], labels, self._tensor(bearings), valid)
 
+    def _remembered(
+        self, batch: EpisodeBatch, reckoned: Reckoned, passed: Mapping[str, Episodes]
+    ) -> Remembered | None:
+        """Hidden states on the way to what was reached, of all that were told it, when acting or after."""
+        place = np.full(len(batch.lengths), -1)
+        place[reckoned.rows] = np.arange(len(reckoned.rows))
+        found = []
+        for over, episodes in passed.items():
+            is_told = place[episodes.rows] >= 0
+            if over == "lived":
+                is_told &= batch.outcomes[episodes.rows] == Outcome.SUCCESS
+            (told,) = np.nonzero(is_told)
+            if len(told):
+                rows = episodes.rows[told]
+                bearings, is_inside = reckoned.bearings_rad[place[rows]], batch.mask[rows]
+                hidden = episodes.hidden[self._tensor(told)]
+                found.append((hidden, self._tensor(bearings), self._tensor(is_inside).float()))
+        if not found:
+            return None
+        hidden, bearings_rad, valid = (torch.cat(parts) for parts in zip(*found, strict=True))
+        return Remembered(hidden, bearings_rad, valid)
+
     def _evaluate(self, x: Forward) -> dict[str, Tensor]:
         """Every term of the method, unweighted; those on images as soon as there are any."""
         found = {}
         for name, term in self._terms.items():
             if getattr(x, term.over) is not None:
                 found[name] = term.loss(x)
-            elif term.over in ("relabelled", "replayed", "reached"):
+            elif term.over in ("relabelled", "replayed", "reached", "remembered"):
                 found[name] = torch.zeros((), device=self._device)
         return found
 

@@ -42,7 +42,7 @@ class Method(NamedTuple):
 
 _A3C = ("policy", "value", "entropy")
 _PG = (*_A3C, "supcon")
-_VHS = (*_PG, "imitation_policy", "imitation_value", "replay", "localise")
+_VHS = (*_PG, "imitation_policy", "imitation_value", "replay", "localise", "remember")
 
 METHODS: dict[str, Method] = {
     "a3c": Method(_A3C, fixed={"embedding": "word"}),
@@ -55,7 +55,8 @@ METHODS: dict[str, Method] = {
     ),
     # Every step counts alike in Ghosh et al.
     "gcsl": Method(
-        ("imitation_policy", "supcon"), fixed={"embedding": "prototype", "hindsight_discount": 1.0}
+        ("imitation_policy", "supcon"),
+        fixed={"embedding": "prototype", "hindsight_discount": 1.0, "imitate_still": True},
     ),
     "pg": Method(_PG),
     "vhs": Method(_VHS),

@@ -27,13 +27,14 @@ from vhs.losses import (
     imitation_loss,
     lambda_returns,
     localisation_loss,
+    memory_loss,
     supcon_loss,
 )
 from vhs.models import ActionHead, DiscriminativeAgent, GoalAgent, to_device
 
-Over = Literal["lived", "relabelled", "replayed", "images", "reached"]
+Over = Literal["lived", "relabelled", "replayed", "images", "reached", "remembered"]
 """What a term is over: episodes as lived, relabelled ones, those of the past under what they reached, goal
-images, views of what was reached."""
+images, views of what was reached, what is remembered on the way to it."""
 
 _Found = TypeVar("_Found")
 
@@ -49,10 +50,12 @@ class Episodes:
     """pi, as parameters of `head`, shape [B, T, head.size]."""
     values: Tensor
     """V, shape [B, T]."""
+    hidden: Tensor
+    """The LSTM's hidden state, shape [B, T, hidden_dim]."""
     actions: Tensor
     """Taken, int64 [B, T], or float32 [B, T, dim]."""
     valid: Tensor
-    """1 inside the episode, 0 after its end, shape [B, T]."""
+    """1 at the steps that terms are over, 0 at others and after the end, shape [B, T]."""
     beyond: Tensor | None = None
     """V of the last observation of each episode that a limit cut off, 0 of one that ended, shape [B]; None
     where all ended."""
@@ -88,6 +91,17 @@ class Reached(NamedTuple):
     """1 inside the episode, 0 after its end, shape [R, T]."""
 
 
+class Remembered(NamedTuple):
+    """R episodes under the goal that they reached, of up to T steps, and where it lay."""
+
+    hidden: Tensor
+    """The LSTM's hidden state, shape [R, T, hidden_dim]."""
+    bearings_rad: Tensor
+    """Where the goal lay by dead reckoning, 0 straight ahead, shape [R, T]."""
+    valid: Tensor
+    """1 inside the episode, 0 after its end, shape [R, T]."""
+
+
 @dataclass(frozen=True)
 class Forward:
     """What one forward pass of an agent over its share of an update gives; what no term reads is None."""
@@ -108,6 +122,8 @@ class Forward:
     """None also until the store is warm."""
     reached: Reached | None
     """None also where no episode reached anything whose class is known."""
+    remembered: Remembered | None
+    """None also where no episode was told what it reached."""
     method: MethodSection
     train: TrainSection
     success_reward: float
@@ -231,6 +247,11 @@ def _localise(x: Forward) -> Tensor:
     )
 
 
+def _remember(x: Forward) -> Tensor:
+    kept = _there(x.remembered)
+    return memory_loss(x.agent.recall(kept.hidden), kept.bearings_rad, kept.valid)
+
+
 def _there(part: _Found | None) -> _Found:
     assert part is not None, "a term reads another part than it says"
     return part
@@ -244,6 +265,7 @@ TERMS: dict[str, Term] = {
     "imitation_value": Term(lambda x: x.imitation.value, "relabelled", "method.vhs_weight"),
     "replay": Term(lambda x: x.replay, "replayed", "method.vhs_weight"),
     "localise": Term(_localise, "reached", "method.localisation_weight"),
+    "remember": Term(_remember, "remembered", "method.memory_weight"),
     "supcon": Term(_supcon, "images", "method.supcon_weight"),
     "discriminator": Term(_discriminator, "images", "method.discriminator_weight"),
 }

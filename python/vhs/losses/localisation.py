@@ -1,9 +1,15 @@
-"""Hindsight localisation: where what was reached had been all the time, learned from afterwards."""
+"""Hindsight localisation: where what was reached had been all the time, learned from afterwards.
+
+`localisation_loss` teaches it to the extractor, by views; `memory_loss` to the memory, by hidden states.
+"""
 
 from __future__ import annotations
 
+import math
+
+import torch
 from torch import Tensor
-from torch.nn.functional import binary_cross_entropy_with_logits
+from torch.nn.functional import binary_cross_entropy_with_logits, cross_entropy
 
 from vhs.losses.shapes import check_shape
 
@@ -46,3 +52,28 @@ def localisation_loss(
     counted = valid * (is_seen | (aside > out_of_view_rad))
     surprise = binary_cross_entropy_with_logits(own, is_seen.to(own.dtype), reduction="none")
     return (surprise * counted).sum() / counted.sum().clamp(min=1)
+
+
+def memory_loss(logits: Tensor, bearings_rad: Tensor, valid: Tensor) -> Tensor:
+    """Tell from the memory in which direction lies what an episode reached in the end, seen or not.
+
+    What has been in view has to be kept for it, and turned with every turn.
+
+    Args:
+        logits: unnormalised log-probabilities of S equal sectors, the first around straight ahead and the
+            next to its left, shape [B, T, S].
+        bearings_rad: where it lay, 0 straight ahead and positive to the left, shape [B, T].
+        valid: 1 inside the episode, 0 after its end, shape [B, T].
+
+    Returns:
+        Cross-entropy in nats, the mean over the valid steps, shape []; 0 of none.
+
+    Raises:
+        ShapeError: the tensors do not fit together.
+    """
+    check_shape("B T S", logits=logits)
+    check_shape("B T", logits=logits[..., 0], bearings_rad=bearings_rad, valid=valid)
+    sectors = logits.shape[-1]
+    lies = torch.round(bearings_rad * (sectors / math.tau)).long() % sectors
+    surprise = cross_entropy(logits.flatten(0, 1), lies.flatten(), reduction="none").view_as(valid)
+    return (surprise * valid).sum() / valid.sum().clamp(min=1)

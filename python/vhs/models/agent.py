@@ -24,12 +24,29 @@ class RecurrentState(NamedTuple):
     cell: Tensor
 
 
+class AgentOutput(NamedTuple):
+    """What an agent makes of sequences of observations, each under one goal."""
+
+    policy: Tensor
+    """pi, as parameters of the agent's head, shape [B, T, head.size]."""
+    values: Tensor
+    """V, shape [B, T]."""
+    hidden: Tensor
+    """The LSTM's hidden state after each observation, shape [B, T, hidden_dim]."""
+    state: RecurrentState
+    """After the last step."""
+
+
+BEARINGS = 8
+"""Sectors of the directions that `GoalAgent.recall` tells apart, the first around straight ahead."""
+
+
 class GoalAgent(nn.Module):
     """pi(a | o, goal, interaction) and V(o | goal, interaction) over a shared extractor and LSTM."""
 
     by_class: ClassVar[tuple[str, ...]] = ("words.", "sight.2.")
     """How the names of those weights begin that have a row a goal class."""
-    aside: ClassVar[str] = "sight."
+    aside: ClassVar[tuple[str, ...]] = ("sight.", "bearing.")
     """How the names of those begin that acting does not read, and that an agent may lack."""
 
     def __init__(
@@ -43,6 +60,7 @@ class GoalAgent(nn.Module):
         interaction_dim: int,
         num_words: int = 0,
         num_sights: int = 0,
+        recalls: bool = False,
         goal_dim: int = 0,
         beside_dim: int = 0,
     ) -> None:
@@ -57,6 +75,7 @@ class GoalAgent(nn.Module):
             interaction_dim: Of an interaction's embedding.
             num_words: Goal classes with a learned name; 0 where classes are named otherwise.
             num_sights: Goal classes that `see` tells from a view; 0: no such head.
+            recalls: Whether `recall` tells from the LSTM's hidden state in which direction the goal lies.
             goal_dim: Numbers in a goal vector; 0 where goals are no vectors.
             beside_dim: Numbers that an observation has beside its frame; 0: none.
         """
@@ -77,6 +96,7 @@ class GoalAgent(nn.Module):
         self.vectors = _perceptron(goal_dim, head_dim, feature_dim) if goal_dim else None
         # Last: the weights before it are the same with and without it.
         self.sight = _head(feature_dim, head_dim, num_sights) if num_sights else None
+        self.bearing = _head(hidden_dim, head_dim, BEARINGS) if recalls else None
         self.beside = nn.Sequential(nn.Linear(beside_dim, head_dim), nn.ReLU()) if beside_dim else None
 
     def train(self, mode: bool = True) -> Self:
@@ -99,7 +119,7 @@ class GoalAgent(nn.Module):
         interactions: Tensor,
         state: RecurrentState | None = None,
         beside: Tensor | None = None,
-    ) -> tuple[Tensor, Tensor, RecurrentState]:
+    ) -> AgentOutput:
         """Run sequences of features under one goal each.
 
         Args:
@@ -109,10 +129,6 @@ class GoalAgent(nn.Module):
             state: state before the first step; zeros when None.
             beside: what observations have beside their frames, float32 [B, T, beside_dim]; goals are told by
                 frames alone, so the memory reads it, not f. None where they have nothing.
-
-        Returns:
-            pi, as parameters of `head`, shape [B, T, head.size]; V, shape [B, T]; the state after the last
-            step.
         """
         steps = features.shape[1]
         gate = torch.sigmoid(self.gate(goals)).unsqueeze(1)
@@ -127,7 +143,7 @@ class GoalAgent(nn.Module):
         joined = torch.cat([self._attend(features, gated, hidden), kind], dim=-1)
         policy = self.head.parameters(self.policy(joined))
         values = self.value(joined).squeeze(-1)
-        return policy, values, last
+        return AgentOutput(policy, values, hidden, last)
 
     def embed_vectors(self, goals: Tensor) -> Tensor:
         """Goal vectors, float32 [n, goal_dim], as goal embeddings at the scale of features."""
@@ -139,6 +155,12 @@ class GoalAgent(nn.Module):
         """Unnormalised log-odds that each goal class is in view, shape [..., num_sights], from f(o)."""
         assert self.sight is not None, "an agent that was built to see"
         logits: Tensor = self.sight(features)
+        return logits
+
+    def recall(self, hidden: Tensor) -> Tensor:
+        """Unnormalised log-probabilities of where the goal lies, [..., BEARINGS], from hidden states."""
+        assert self.bearing is not None, "an agent that was built to recall"
+        logits: Tensor = self.bearing(hidden)
         return logits
 
     def _attend(self, features: Tensor, gated: Tensor, hidden: Tensor) -> Tensor:

@@ -55,6 +55,7 @@ def _agent(config: Config, spec: TaskSpec, extractor: ExtractorFactory | None) -
             "interaction_dim": model.interaction_dim,
             "num_words": spec.num_goals if spec.goals == "labels" and method.embedding == "word" else 0,
             "num_sights": spec.num_goals if method.localisation_weight else 0,
+            "recalls": bool(method.memory_weight),
             "goal_dim": int(np.prod(spec.goal_shape)) if spec.goals == "vectors" else 0,
             "beside_dim": beside_dim(spec),
         }

@@ -8,6 +8,7 @@ from vhs.config import Config
 from vhs.learning.learner import Learner
 from vhs.learning.reckoning import make_reckoning
 from vhs.learning.replay import make_replay
+from vhs.learning.stillness import Stillness
 from vhs.learning.told import make_goals
 from vhs.models import ExtractorFactory, make_agent
 from vhs.task import TaskSpec
@@ -29,6 +30,7 @@ def make_learner(
         dtype=dtype,
         rng=Rng(config.seed),
         reckoning=make_reckoning(config.method, spec),
+        stillness=None if config.method.imitate_still else Stillness(spec),
         replay=make_replay(config, spec, world.size),
         world=world,
     )

@@ -39,14 +39,15 @@ class Start(NamedTuple):
     prototypes: int
     images: int
     """Goal images; an exported agent has none."""
-    new_sight: bool
-    """Whether it had no head that is taught what is in view."""
+    new_heads: tuple[str, ...]
+    """Which it lacked of the heads that only teach: what is in view (`sight`), where the goal lies
+    (`bearing`)."""
 
     def __str__(self) -> str:
         """A sentence about it."""
         named = f"{self.prototypes} prototypes of {self.classes} goal classes, " if self.prototypes else ""
         more = f"; new classes: {self.new_classes}" if self.new_classes else ""
-        more += "; the head that says what is in view is new" if self.new_sight else ""
+        more += f"; heads that are new: {', '.join(self.new_heads)}" if self.new_heads else ""
         return (
             f"starting from {self.named} at episode {self.episodes}: its weights, {named}"
             f"{self.images} pictures of goals{more}"
@@ -84,8 +85,10 @@ def start(named: str, learner: Learner) -> Start:
     learner.goals.load_state_dict(prototypes)
     learner.goals.store = store
     seen = found.prototypes["seen"]
-    aside = learner.agent.aside
-    has_sight = [any(name.startswith(aside) for name in names) for names in (weights, found.networks)]
+    own, theirs = (
+        {aside for aside in learner.agent.aside if any(name.startswith(aside) for name in names)}
+        for names in (weights, found.networks)
+    )
     return Start(
         named,
         found.episodes,
@@ -93,7 +96,7 @@ def start(named: str, learner: Learner) -> Start:
         new_classes=store.num_classes - len(seen),
         prototypes=int(seen.sum()),
         images=len(store),
-        new_sight=has_sight == [True, False],
+        new_heads=tuple(sorted(name.rstrip(".") for name in own - theirs)),
     )
 
 
