@@ -18,6 +18,7 @@ from vhs.envs.task import load_room
 from vhs.errors import ConfigError
 from vhs.learning.learner import Learner
 from vhs.learning.reckoning import Reckoning
+from vhs.learning.terms import Remembered
 from vhs.train.build import make_learner
 
 from .parts import FRAME, fill_store, goals_for
@@ -153,6 +154,37 @@ def test_the_term_teaches_its_head_and_the_extractor_alone() -> None:
     assert {"sight.0.weight", "sight.2.weight", "extractor.project.weight"} <= changed
     nothing = episodes(([0, 1, 0], Outcome.TIMEOUT, 0))
     assert learner.update(nothing, goals_for(nothing, 16))["localise"] == 0.0
+
+
+def test_memory_is_asked_of_every_episode_under_the_goal_that_it_reached() -> None:
+    """A success as it was lived, a failure only in hindsight, a timeout not at all."""
+    learner = localising("method.relabel_probability=1", "method.hindsight_goal=feature")
+    batch = episodes(([0, 1], Outcome.SUCCESS, 2), ([0], Outcome.TIMEOUT, 1), ([1, 0, 0], Outcome.FAILURE, 1))
+    asked: list[Remembered] = []
+    learner._evaluate = lambda x: asked.append(x.remembered) or {}  # type: ignore[method-assign,func-returns-value]
+    learner.update(batch, goals_for(batch, 16))
+    (kept,) = asked
+    bearings = Reckoning(MOVES, SPEC, ahead_m=0.5)(batch).bearings_rad
+    assert torch.equal(kept.bearings_rad, torch.from_numpy(bearings))
+    assert kept.valid.tolist() == [[1, 1, 0], [1, 1, 1]]
+    assert kept.hidden.shape == (2, 3, learner.agent.hidden_dim)
+    learner.update(episodes(([0], Outcome.TIMEOUT, 0)), goals_for(batch, 16)[:1])
+    assert asked[1] is None
+
+
+def test_memory_is_learned_to_the_end_and_teaches_eyes_and_memory() -> None:
+    quiet = ("train.value_weight=0", "train.entropy_weight=0", "method.relabel_probability=0")
+    rate = ("train.learning_rate=1e-2", "train.learning_rate_end=null", "method.memory_weight=1")
+    learner = make_learner(toy_config("vhs", "method.localisation_weight=0", *quiet, *rate), SPEC)
+    before = {name: weight.detach().clone() for name, weight in learner.agent.named_parameters()}
+    batch = episodes(([1, 1, 0, 0], Outcome.SUCCESS, 0), ([0, 2, 0], Outcome.SUCCESS, 1))
+    losses = [learner.update(batch, goals_for(batch, 16))["remember"] for _ in range(60)]
+    assert losses[0] == pytest.approx(math.log(8), rel=0.1), "a head that starts undecided"
+    assert losses[-1] < 0.1
+    changed = {
+        name for name, weight in learner.agent.named_parameters() if not torch.equal(weight, before[name])
+    }
+    assert {"bearing.0.weight", "lstm.weight_ih_l0", "extractor.project.weight"} <= changed
 
 
 def test_the_head_is_learned_to_the_end() -> None:

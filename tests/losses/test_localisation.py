@@ -1,4 +1,4 @@
-"""The localisation loss against numbers by hand."""
+"""The losses on where what was reached had been, against numbers by hand."""
 
 import math
 
@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from vhs import ShapeError
-from vhs.losses import localisation_loss
+from vhs.losses import localisation_loss, memory_loss
 
 VIEW = (0.5, 0.9)
 """In view below, out of it above, in radians."""
@@ -65,3 +65,35 @@ def test_tensors_that_do_not_fit_are_named(change: dict[str, Tensor], message: s
     }
     with pytest.raises(ShapeError, match=message):
         localisation_loss(**(good | change), in_view_rad=0.5, out_of_view_rad=0.9)
+
+
+def test_memory_is_asked_for_the_sector_that_a_bearing_lies_in() -> None:
+    """Against a loop; the first of eight sectors lies around straight ahead, the second to its left."""
+    degrees = [[0, 22, 23, 45, 179], [-22, -23, -90, -179, 0]]
+    sectors = [[0, 0, 1, 1, 4], [0, 7, 6, 4, 0]]
+    logits = torch.randn(2, 5, 8, generator=torch.Generator().manual_seed(0))
+    valid = torch.tensor([[1.0, 1, 1, 1, 1], [1, 1, 1, 1, 0]])
+    loss = memory_loss(logits, torch.deg2rad(torch.tensor(degrees, dtype=torch.float32)), valid)
+    surprises = [
+        -float(logits[row, step].log_softmax(0)[sectors[row][step]])
+        for row in range(2)
+        for step in range(5)
+        if valid[row, step]
+    ]
+    assert float(loss) == pytest.approx(sum(surprises) / len(surprises), rel=1e-5)
+    assert memory_loss(logits, torch.zeros(2, 5), torch.zeros(2, 5)) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"logits": torch.zeros(2, 8)}, "`logits`: expected shape [B, T, S], found [2, 8]"),
+        ({"bearings_rad": torch.zeros(2, 4)}, "`bearings_rad`: expected shape [B=2, T=3], found [2, 4]"),
+        ({"valid": torch.zeros(3, 3)}, "`valid`: expected shape [B=2, T=3], found [3, 3]"),
+    ],
+)
+def test_what_memory_is_asked_has_to_fit_together(change: dict[str, Tensor], message: str) -> None:
+    good = {"logits": torch.zeros(2, 3, 8), "bearings_rad": torch.zeros(2, 3), "valid": torch.ones(2, 3)}
+    with pytest.raises(ShapeError) as caught:
+        memory_loss(**(good | change))
+    assert str(caught.value) == message
