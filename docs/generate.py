@@ -26,6 +26,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "missed by agents": tables.missed,
     "localisation": tables.localisation,
     "imitated again": tables.replay,
+    "memory": tables.memory,
     "new objects, shown": tables.shown,
     "new objects, learned": tables.learned,
     "elsewhere": tables.elsewhere,

@@ -36,6 +36,16 @@ def test_overlooked_counts_every_episode_once(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_ways_are_divided_at_the_first_view_of_the_goal(tmp_path: Path) -> None:
+    (agent,) = look("ways.py", tmp_path, "--episodes", "40")["agents"].values()
+    assert agent["episodes"] == 40
+    assert 30 <= agent["successes"] <= 40
+    assert agent["search"] + agent["after"] >= agent["shortest"] > agent["plan"] > 0
+    assert agent["spl_of_successes"] <= agent["spl_with_plans_after"] <= 1
+    assert all(row["walked_on"] <= row["views"] for row in agent["ahead"])
+
+
+@pytest.mark.slow
 def test_sight_asks_for_views_of_every_size(tmp_path: Path) -> None:
     (agent,) = look("sight.py", tmp_path, "--rooms", "12")["agents"].values()
     rows = agent["recall"]["classifier"]

@@ -19,11 +19,18 @@ from matplotlib.figure import Figure
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from results import records
-from results.records import HERE, METHODS, TASKS, VARIANTS, Curve, curves, load
-from results.tables import LONG, NEW_OBJECTS, OVERLOOKED, SHORT
+from results.records import FINAL, HERE, METHODS, SHORT_METHODS, TASKS, VARIANTS, Curve, curves, load
+from results.tables import LONG, NEW_OBJECTS, OVERLOOKED
 from vhs.eval.paper import SUCCESS
 
-COLOURS = {"vhs": "#093dbe", "pg": "#8f498a", "gdan": "#e47711", "a3c": "#191a1b", "gcsl": "#17a874"}
+COLOURS = {
+    "vhs": "#093dbe",
+    "paper": "#7a9ff0",
+    "pg": "#8f498a",
+    "gdan": "#e47711",
+    "a3c": "#191a1b",
+    "gcsl": "#17a874",
+}
 """Those of reports: told apart whatever kind of colour-blindness one has."""
 OTHERS = ("#093dbe", "#7a9ff0", "#4c6fd0", "#0a1f5c", "#e47711", "#7b312c", "#8f498a", "#17a874")
 PARTS = ("#093dbe", "#e47711", "#8b939e")
@@ -37,12 +44,12 @@ STYLE = {
 }
 
 
-def methods(name: str) -> Figure:
+def methods(runs: Any, shown_methods: dict[str, str]) -> Figure:
     """Success over training, a panel a task."""
-    found = curves(load(name))
+    found = curves(runs)
     figure, panels = plt.subplots(1, 3, figsize=(12, 3.8), layout="constrained", sharey=True)
     for task, axes in zip(TASKS, panels, strict=True):
-        for method, shown in METHODS.items():
+        for method, shown in shown_methods.items():
             _band(axes, found.get(f"{task}-{method}", []), shown, COLOURS[method])
         axes.axhline(SUCCESS[task]["vhs"], color=COLOURS["vhs"], linewidth=1, linestyle=":")
         axes.set(title=f"Task {task[-1]} (dotted: VHS in the paper)")
@@ -53,7 +60,7 @@ def methods(name: str) -> Figure:
 
 def relabelling() -> Figure:
     """Success over training, Task 2, by what is relabelled."""
-    found = curves(load(SHORT))
+    found = curves(load(FINAL))
     figure, axes = plt.subplots(figsize=(9, 4.4), layout="constrained")
     for colour, (variant, shown) in zip(OTHERS, VARIANTS.items(), strict=True):
         _band(axes, found[f"task2-{variant}"], shown, colour)
@@ -71,6 +78,11 @@ def replay() -> Figure:
     """Success over training, Task 2, where what reached something is imitated once and again."""
     found = load("localisation-2026-11.json") | load("replay-2026-11.json")
     return _two(found, {"replay": "imitated again", "m1": "once"})
+
+
+def memory() -> Figure:
+    """Success over training, Task 2, before and after the memory was asked."""
+    return _two(records.memory_runs(), {"after": "after", "before": "before"})
 
 
 def new_objects() -> Figure:
@@ -174,11 +186,12 @@ def profile() -> Figure:
 
 
 FIGURES = {
-    "methods-long.svg": lambda: methods(LONG),
-    "methods-short.svg": lambda: methods(SHORT),
+    "methods-long.svg": lambda: methods(load(LONG), METHODS),
+    "methods-short.svg": lambda: methods(records.short_runs(), SHORT_METHODS),
     "relabelling.svg": relabelling,
     "localisation.svg": localisation,
     "replay.svg": replay,
+    "memory.svg": memory,
     "new-objects.svg": new_objects,
     "elsewhere.svg": elsewhere,
     "overlooked.svg": overlooked,

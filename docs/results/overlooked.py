@@ -13,7 +13,7 @@ import shlex
 import sys
 from collections import Counter
 from collections.abc import Sequence
-from itertools import islice, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,14 +25,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
-from visible import Visible
+from visible import Visible, played
 
 from vhs import Outcome
-from vhs.acting.episodes import Episodes
 from vhs.acting.policy import Policy, load_agent
-from vhs.acting.seeds import episode_seeds
-from vhs.acting.setup import make_buffer, make_env
-from vhs.acting.stepping import LocalStepping
 from vhs.envs import OBJECT_NAMES, RoomEnv, plan
 from vhs.runs.directory import describe
 
@@ -46,19 +42,12 @@ FORWARD, TURN_LEFT = 0, 1
 
 def watch(trained: Policy, episodes: int, seed: int, greedy: bool) -> list[dict[str, Any]]:
     """Play as `vhs eval` does, then look at each episode again."""
-    envs = [make_env(trained.task, trained.spec) for _ in range(16)]
-    buffer = make_buffer(trained.config, trained.spec, len(envs), len(envs))
-    seeds = islice(episode_seeds(seed, purpose=1), episodes)
-    played = Episodes(LocalStepping(envs), trained.player(buffer, seed, greedy), buffer, seeds)
-    played.start()
     room: RoomEnv = trained.task.new_env().unwrapped  # type: ignore[assignment]
     visible = Visible(room)
-    records = []
-    while not played.is_done:
-        for ended in played.step():
-            actions = buffer.gather(np.array([ended.id], dtype=np.int64)).actions[0].tolist()
-            records.append(_look(room, visible, ended.seed, actions, Outcome(ended.outcome)))
-    return records
+    return [
+        _look(room, visible, ended.seed, actions, Outcome(ended.outcome))
+        for ended, actions in played(trained, episodes, seed, greedy)
+    ]
 
 
 def _look(room: RoomEnv, visible: Visible, seed: int, actions: list[int], outcome: Outcome) -> dict[str, Any]:

@@ -18,6 +18,10 @@ ROOMS = (0, 1, 2)
 """Seeds of the evaluations that count: others chose between agents."""
 TASKS = ("task1", "task2", "task3")
 METHODS = {"vhs": "VHS", "pg": "PG", "gdan": "GDAN", "a3c": "A3C", "gcsl": "GCSL"}
+SHORT_METHODS = {"vhs": "VHS", "paper": "VHS, the paper's terms", **METHODS}
+"""Of 30,000 episodes: as configured, and with no more terms than the paper has."""
+FINAL, DEFAULT, MEMORY = "final-2026-11.json", "vhs-2026-11.json", "memory-2026-11.json"
+"""Runs of 30,000 episodes: of all methods with the paper's terms, of VHS as configured, of what led there."""
 VARIANTS = {
     "vhs": "failures, probability 0.8 (VHS)",
     "vhs-relabel_probability=0.4": "failures, probability 0.4",
@@ -50,6 +54,22 @@ Curve = NDArray[np.float64]
 def load(name: str) -> Any:
     """The content of a file beside this script."""
     return json.loads((HERE / name).read_text(encoding="utf-8"))
+
+
+def short_runs() -> Any:
+    """Runs of 30,000 episodes by task and method: VHS as configured, as the paper has it, and its rivals."""
+    paper = {name.replace("-vhs-seed", "-paper-seed"): run for name, run in load(FINAL).items()}
+    return paper | load(DEFAULT)
+
+
+def memory_runs() -> Any:
+    """Task 2 before still steps were left out and the memory was asked, and after."""
+    after = {
+        name.replace("task2-vhs", "after"): run
+        for name, run in load(DEFAULT).items()
+        if name.startswith("task2-vhs-seed")
+    }
+    return load(MEMORY) | after
 
 
 def elsewhere() -> dict[tuple[str, str], list[Curve]]:

@@ -9,34 +9,43 @@ from typing import Any
 import numpy as np
 
 from results import records
-from results.records import METHODS, TASKS, VARIANTS, counted, curves, episodes_to, evaluations, load
+from results.records import (
+    FINAL,
+    METHODS,
+    SHORT_METHODS,
+    TASKS,
+    VARIANTS,
+    counted,
+    curves,
+    episodes_to,
+    evaluations,
+    load,
+)
 from vhs.eval.compare import WINDOW
 from vhs.eval.paper import REFERENCE_RATE, SUCCESS
 
-LONG, SHORT, NEW_OBJECTS = "long-2026-11.json", "final-2026-11.json", "new-objects-2026-11.json"
-OVERLOOKED = "overlooked-task2.json"
+LONG, NEW_OBJECTS, OVERLOOKED = "long-2026-11.json", "new-objects-2026-11.json", "overlooked-task2.json"
 
 
 def long_runs() -> str:
     """Success after 100,000 episodes beside the paper's."""
-    return _beside_paper(LONG)
+    return _beside_paper(evaluations(load(LONG)), METHODS)
 
 
 def short_runs() -> str:
     """Success after 30,000 episodes beside the paper's."""
-    return _beside_paper(SHORT)
+    return _beside_paper(evaluations(records.short_runs()), SHORT_METHODS)
 
 
-def _beside_paper(name: str) -> str:
-    found = evaluations(load(name))
+def _beside_paper(found: dict[str, list[dict[str, float]]], methods: dict[str, str]) -> str:
     rows = []
-    for method, shown in METHODS.items():
+    for method, shown in methods.items():
         cells = [shown]
         for task, paper in SUCCESS.items():
             runs = found.get(f"{task}-{method}")
             cells += [
                 _seeds([run["success"] for run in runs]) if runs else "not run",
-                _percent(paper[method]),
+                _percent(paper[method]) if method in paper else "",
             ]
         rows.append(cells)
     return _table(["", *(f"Task {task[-1]} | paper" for task in TASKS)], rows)
@@ -45,9 +54,10 @@ def _beside_paper(name: str) -> str:
 def first_to_rate() -> str:
     """Episodes to the paper's criterion."""
     rows = []
-    for name, length in ((SHORT, "30,000"), (LONG, "100,000")):
-        found = curves(load(name))
-        for method, shown in METHODS.items():
+    short, long = (records.short_runs(), SHORT_METHODS, "30,000"), (load(LONG), METHODS, "100,000")
+    for runs, methods, length in (short, long):
+        found = curves(runs)
+        for method, shown in methods.items():
             reached = [_reached(REFERENCE_RATE, found.get(f"{task}-{method}", [])) for task in TASKS]
             rows.append([f"{shown}, runs of {length}", *reached])
     return _table(["", "Task 1", "Task 2", "Task 3"], rows)
@@ -55,8 +65,8 @@ def first_to_rate() -> str:
 
 def relabelling() -> str:
     """What is relabelled, on Task 2: episodes to two rates, and success in the end."""
-    records = load(SHORT)
-    found, ends = curves(records), evaluations(records)
+    runs_of = load(FINAL)
+    found, ends = curves(runs_of), evaluations(runs_of)
     rows = []
     for variant, shown in VARIANTS.items():
         runs = found[f"task2-{variant}"]
@@ -125,32 +135,43 @@ def missed() -> str:
 
 def localisation() -> str:
     """With and without hindsight localisation: success on the way, and in rooms that training never saw."""
-    return _on_the_way(load("localisation-2026-11.json"), {"base": "without", "m1": "with"})
+    return _on_the_way(load("localisation-2026-11.json"), {"base": "without", "m1": "with"}, *_OF_12000)
 
 
 def replay() -> str:
     """With and without episodes that are imitated again, likewise."""
     found = load("localisation-2026-11.json") | load("replay-2026-11.json")
-    return _on_the_way(found, {"m1": "once", "replay": "again"})
+    return _on_the_way(found, {"m1": "once", "replay": "again"}, *_OF_12000)
 
 
-def _on_the_way(found: dict[str, Any], names: dict[str, str]) -> str:
-    """Runs of 12,000 episodes, three seeds of each name: success before some marks, and afterwards."""
-    marks = (3_000, 5_000, 7_000)
+def memory() -> str:
+    """Before and after still steps were left out and the memory was asked, likewise."""
+    names = {"before": "before", "after": "after"}
+    marks, title = (3_000, 4_000, 5_000), "after 30,000, rooms of seeds 0 to 2"
+    return _on_the_way(records.memory_runs(), names, marks, records.ROOMS, title)
+
+
+_OF_12000: tuple[Any, ...] = ((3_000, 5_000, 7_000), (9,), "after 12,000, rooms of seed 9")
+
+
+def _on_the_way(
+    found: dict[str, Any], names: dict[str, str], marks: Sequence[int], rooms: Sequence[int], title: str
+) -> str:
+    """Up to three seeds of each name: success before some marks, and in the end in some rooms."""
     rows = []
     for name, shown in (
         (f"{name}-seed{seed}", f"{shown}, seed {seed}") for seed in range(3) for name, shown in names.items()
     ):
-        run = found[name]
+        run = found.get(name)
+        if run is None:
+            continue
         curve = curves({name: run})[name.rpartition("-seed")[0]]
         at = [_window(curve[0], mark) for mark in marks]
-        ends = [
-            f"{_percent(entry['success'])}, SPL {entry['spl']:.2f}"
-            for entry in run["evaluations"]
-            if entry["seed"] == 9
-        ]
-        rows.append([shown, *at, _reached(REFERENCE_RATE, curve, 500), *(ends or [""])])
-    head = ["", *(f"at {mark:,}" for mark in marks), "74.3 % at", "after 12,000, rooms of seed 9"]
+        ends = [entry for entry in run["evaluations"] if entry["seed"] in rooms]
+        success, spl = (np.mean([entry[key] for entry in ends]) if ends else 0 for key in ("success", "spl"))
+        end = f"{_percent(float(success))}, SPL {spl:.2f}" if ends else ""
+        rows.append([shown, *at, _reached(REFERENCE_RATE, curve, 500), end])
+    head = ["", *(f"at {mark:,}" for mark in marks), "74.3 % at", title]
     return _table(head, rows)
 
 

@@ -235,7 +235,7 @@ def replace_by_a_directory(path: Path) -> None:
         (flip_a_weight, "agent.safetensors: damaged agent: its checksum"),
         (replace_by_a_directory, "agent.safetensors: damaged agent: "),
         (replace_by_another_kind, f"expected an exported agent of format {FORMAT}, found none"),
-        (replace_by_another_network, r"`agent.policy.0.bias`: expected shape \[16\], found \[12\]"),
+        (replace_by_another_network, r"`agent.bearing.0.bias`: expected shape \[16\], found \[12\]"),
     ],
 )
 def test_a_file_that_cannot_be_loaded_is_a_clear_error(
