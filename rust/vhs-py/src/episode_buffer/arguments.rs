@@ -211,7 +211,7 @@ pub(super) fn folder(argument: Option<&Bound<'_, PyAny>>) -> PyResult<PathBuf> {
         Some(argument) => argument.extract::<PathBuf>()?,
         None => "memory".into(),
     };
-    let is_word = argument.is_none_or(|argument| argument.is_instance_of::<PyString>());
+    let is_word = argument.is_none_or(PyAnyMethods::is_instance_of::<PyString>);
     if is_word && [Path::new("memory"), Path::new("lz4")].contains(&&*path) {
         return Err(to_py(Error::Argument {
             field: "backing",
