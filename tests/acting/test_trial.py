@@ -193,9 +193,16 @@ try_task_apart(replace(toy_task(), make=Hanging))
 """
 
 
-def _state(pid: int) -> str:
-    """Of the main thread of a process, as Linux says it: R for running, S for asleep."""
-    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+def _wait_until_it_waits(pid: int) -> None:
+    """Until the main thread of a process has slept for half a second, as Linux says it.
+
+    Python loses a Ctrl-C that comes while it forks, and there too a thread may sleep for a moment.
+    """
+    asleep = 0
+    while asleep < 25:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+        asleep = asleep + 1 if state == "S" else 0
+        time.sleep(0.02)
 
 
 @pytest.mark.slow
@@ -208,8 +215,7 @@ def test_a_trial_ends_with_whoever_asked_for_it(number: int) -> None:
     ) as process:
         assert process.stdout is not None
         trial = int(process.stdout.readline())
-        while _state(process.pid) == "R":  # until it waits: Python loses a Ctrl-C while it forks
-            time.sleep(0.02)
+        _wait_until_it_waits(process.pid)
         process.send_signal(number)
         try:
             process.wait(30)
