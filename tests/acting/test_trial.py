@@ -183,6 +183,8 @@ from dataclasses import replace
 from toy import Toy, toy_task
 from vhs.acting.trial import try_task_apart
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background has it ignored
+
 class Hanging(Toy):
     def step(self, action):
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # as where it hangs in native code
@@ -193,16 +195,9 @@ try_task_apart(replace(toy_task(), make=Hanging))
 """
 
 
-def _wait_until_it_waits(pid: int) -> None:
-    """Until the main thread of a process has slept for half a second, as Linux says it.
-
-    Python loses a Ctrl-C that comes while it forks, and there too a thread may sleep for a moment.
-    """
-    asleep = 0
-    while asleep < 25:
-        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
-        asleep = asleep + 1 if state == "S" else 0
-        time.sleep(0.02)
+def _state(pid: int) -> str:
+    """Of the main thread of a process, as Linux says it: R for running, S for asleep."""
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
 
 
 @pytest.mark.slow
@@ -215,7 +210,8 @@ def test_a_trial_ends_with_whoever_asked_for_it(number: int) -> None:
     ) as process:
         assert process.stdout is not None
         trial = int(process.stdout.readline())
-        _wait_until_it_waits(process.pid)
+        while _state(process.pid) == "R":  # until it waits: Python loses a Ctrl-C while it forks
+            time.sleep(0.02)
         process.send_signal(number)
         try:
             process.wait(30)
