@@ -27,6 +27,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "localisation": tables.localisation,
     "imitated again": tables.replay,
     "memory": tables.memory,
+    "ways": tables.ways,
     "new objects, shown": tables.shown,
     "new objects, learned": tables.learned,
     "elsewhere": tables.elsewhere,

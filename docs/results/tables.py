@@ -151,6 +151,16 @@ def memory() -> str:
     return _on_the_way(records.memory_runs(), names, marks, records.ROOMS, title)
 
 
+def ways() -> str:
+    """Where the steps of successes go, before and after."""
+    rows = []
+    for name, agent in sorted(load("ways-2026-11.json")["agents"].items(), key=lambda item: item[0][::-1]):
+        steps = (f"{agent[key]:.2f}" for key in ("search", "after", "idle", "plan"))
+        rows.append([name.replace("-seed", ", seed "), *steps, f"{agent['spl_of_successes']:.3f}"])
+    head = ["until the goal is seen", "after that", "of these change nothing", "a plan from there", "SPL"]
+    return _table(["steps of a success", *head], rows)
+
+
 _OF_12000: tuple[Any, ...] = ((3_000, 5_000, 7_000), (9,), "after 12,000, rooms of seed 9")
 
 
