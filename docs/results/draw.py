@@ -54,7 +54,8 @@ def methods(runs: Any, shown_methods: dict[str, str]) -> Figure:
         axes.axhline(SUCCESS[task]["vhs"], color=COLOURS["vhs"], linewidth=1, linestyle=":")
         axes.set(title=f"Task {task[-1]} (dotted: VHS in the paper)")
         _success(axes)
-    panels[0].legend()
+    lines = panels[1].get_legend_handles_labels()[0]  # Task 2 has all methods
+    figure.legend(lines, shown_methods.values(), loc="outside upper center", ncols=len(shown_methods))
     return figure
 
 

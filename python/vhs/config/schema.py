@@ -148,7 +148,7 @@ class MethodSection(_Section):
     the approach to the goal counts more than the wandering before it."""
     imitate_still: Annotated[bool | None, _IMITATION] = None
     """Whether steps that changed nothing in what the agent sees are imitated too, such as a stride against a
-    wall (paper: true); null is false where the task says `moves`, and true elsewhere."""
+    wall (paper: true); null is false where hindsight can localise (`moves`), and true elsewhere."""
     vhs_weight: Annotated[NonNegativeFloat, _IMITATION] = 1.0
     """Weight of the self-imitation loss, of kept episodes too (paper: beta, no number given)."""
     replay_ratio: Annotated[NonNegativeInt, _REPLAY] = 2
@@ -176,7 +176,6 @@ class MethodSection(_Section):
     reckoning is off."""
     localisation_out_of_view_deg: Annotated[Degrees, _LOCALISE] = 48.0
     """What lies further to either side is not in view; what lies between the two says nothing."""
-
     memory_weight: Annotated[NonNegativeFloat | None, _REMEMBER] = None
     """Weight of what the memory is asked: in which of eight directions lies what an episode reached, seen or
     not, by the same dead reckoning (the paper has none); null is 0.5 where the task says `moves`, and 0

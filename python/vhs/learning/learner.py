@@ -24,10 +24,10 @@ from vhs.config import MethodSection, TrainSection
 from vhs.errors import DivergenceError
 from vhs.learning.goals import GoalImages, Goals
 from vhs.learning.merging import Terms, average_gradients
-from vhs.learning.reckoning import Reckoned, Reckoning
+from vhs.learning.reckoning import Reckoned, Reckoning, remember
 from vhs.learning.replay import Replay
 from vhs.learning.stillness import Stillness
-from vhs.learning.terms import TERMS, Episodes, Forward, Images, Over, Reached, Remembered, Term
+from vhs.learning.terms import TERMS, Episodes, Forward, Images, Over, Reached, Term
 from vhs.models import GoalAgent, to_device, to_numpy
 from vhs.world import ALONE, World
 
@@ -194,7 +194,9 @@ class Learner:
             PeerError: another rank is gone.
         """
         hindsight, imitated = self._relabel(batch, len(goals), touched)
-        is_still = self._still(batch, hindsight, imitated)
+        is_still = np.zeros_like(batch.mask)
+        if self._stillness is not None:
+            is_still = self._stillness.before_ends(batch, imitated, hindsight.lengths[imitated])
         share = Share(batch, goals, hindsight, imitated, is_still, self._images())
         learned = self._learn(share)
         if "relabelled" in self._over:
@@ -249,17 +251,6 @@ class Learner:
             return chosen, imitated
         reached = relabel(batch, on=tuple(Outcome), probability=1.0, rng=0, ends=ends)
         return reached, np.concatenate([imitated, np.arange(num_ended, len(batch.lengths))])
-
-    def _still(
-        self, batch: EpisodeBatch, hindsight: Hindsight, imitated: NDArray[np.int64]
-    ) -> NDArray[np.bool_]:
-        """Of the steps of imitated episodes those that changed nothing; the one that reached it is none."""
-        if self._stillness is None:
-            return np.zeros(batch.mask.shape, np.bool_)
-        is_before_end = np.zeros(batch.mask.shape, np.bool_)
-        steps = np.arange(batch.mask.shape[1])
-        is_before_end[imitated] = steps < hindsight.lengths[imitated, None] - 1
-        return self._stillness(batch, is_before_end)
 
     def _images(self) -> GoalImages | None:
         return self.goals.batch() if "images" in self._over else None
@@ -334,7 +325,7 @@ class Learner:
             if "reached" in self._over:
                 reached = self._reached(batch, reckoned, features, sequences[:, :length])
             if "remembered" in self._over:
-                remembered = self._remembered(batch, reckoned, passed)
+                remembered = remember(batch, reckoned, passed, self._device)
         return Forward(
             agent,
             batch,
@@ -413,28 +404,6 @@ class Learner:
             return None
         valid = self._tensor(batch.mask[rows]).float()
         return Reached(sequences[self._tensor(rows)], labels, self._tensor(bearings), valid)
-
-    def _remembered(
-        self, batch: EpisodeBatch, reckoned: Reckoned, passed: Mapping[str, Episodes]
-    ) -> Remembered | None:
-        """Hidden states on the way to what was reached, of all that were told it, when acting or after."""
-        place = np.full(len(batch.lengths), -1)
-        place[reckoned.rows] = np.arange(len(reckoned.rows))
-        found = []
-        for over, episodes in passed.items():
-            is_told = place[episodes.rows] >= 0
-            if over == "lived":
-                is_told &= batch.outcomes[episodes.rows] == Outcome.SUCCESS
-            (told,) = np.nonzero(is_told)
-            if len(told):
-                rows = episodes.rows[told]
-                bearings, is_inside = reckoned.bearings_rad[place[rows]], batch.mask[rows]
-                hidden = episodes.hidden[self._tensor(told)]
-                found.append((hidden, self._tensor(bearings), self._tensor(is_inside).float()))
-        if not found:
-            return None
-        hidden, bearings_rad, valid = (torch.cat(parts) for parts in zip(*found, strict=True))
-        return Remembered(hidden, bearings_rad, valid)
 
     def _evaluate(self, x: Forward) -> dict[str, Tensor]:
         """Every term of the method, unweighted; those on images as soon as there are any."""

@@ -11,11 +11,14 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from vhs import EpisodeBatch, Outcome, egomotion
 from vhs.config import MethodSection
 from vhs.learning.stillness import Stillness
+from vhs.learning.terms import Episodes, Remembered
+from vhs.models import to_device
 from vhs.task import TaskSpec
 
 
@@ -56,6 +59,38 @@ class Reckoning:
         actions, lengths = batch.actions[rows], batch.lengths[rows]
         bearings, _ = egomotion(actions, blocked, lengths, self._moves, ahead_m=self._ahead_m)
         return Reckoned(rows, bearings)
+
+
+def remember(
+    batch: EpisodeBatch, reckoned: Reckoned, passed: Mapping[str, Episodes], device: torch.device
+) -> Remembered | None:
+    """Hidden states on the way to what episodes reached, of all that were told it, when acting or after.
+
+    Args:
+        batch: an update's.
+        reckoned: of it.
+        passed: what the agent made of its episodes, by what terms call them.
+        device: of the agent.
+
+    Returns:
+        None where no episode was told what it reached.
+    """
+    place = np.full(len(batch.lengths), -1)
+    place[reckoned.rows] = np.arange(len(reckoned.rows))
+    found = []
+    for over, episodes in passed.items():
+        is_told = place[episodes.rows] >= 0
+        if over == "lived":
+            is_told &= batch.outcomes[episodes.rows] == Outcome.SUCCESS
+        (told,) = np.nonzero(is_told)
+        if len(told):
+            rows = episodes.rows[told]
+            bearings, is_inside = reckoned.bearings_rad[place[rows]], batch.mask[rows]
+            hidden = episodes.hidden[to_device(told, device)]
+            found.append((hidden, to_device(bearings, device), to_device(is_inside, device).float()))
+    if not found:
+        return None
+    return Remembered(*(torch.cat(parts) for parts in zip(*found, strict=True)))
 
 
 def make_reckoning(method: MethodSection, spec: TaskSpec) -> Reckoning | None:

@@ -65,3 +65,20 @@ class Stillness:
         found = np.zeros_like(chosen)
         found[rows[is_still], steps[is_still]] = True
         return found
+
+    def before_ends(
+        self, batch: EpisodeBatch, rows: NDArray[np.int64], lengths: NDArray[np.int64]
+    ) -> NDArray[np.bool_]:
+        """Of some episodes the steps that changed nothing; the last is none, as it reached something.
+
+        Args:
+            batch: packed.
+            rows: which episodes of it, shape [R].
+            lengths: steps of each until it reached what it is imitated under, int64 [R].
+
+        Returns:
+            bool [B, T], False in other episodes.
+        """
+        chosen = np.zeros_like(batch.mask)
+        chosen[rows] = np.arange(chosen.shape[1]) < lengths[:, None] - 1
+        return self(batch, chosen)
