@@ -3,6 +3,7 @@
 import math
 import subprocess
 import sys
+from dataclasses import replace
 
 import gymnasium
 import numpy as np
@@ -65,6 +66,14 @@ def test_a_spec_is_read_without_drawing_or_resetting() -> None:
             {"moves": {0: Move(forward_m=float("nan"))}},
             "`moves`: expected a Move or a Turn by a finite number",
         ),
+        (
+            {"max_steps": None, "max_steps_keyword": "limit"},
+            "`max_steps`: expected a number to call `make` with as limit, got None",
+        ),
+        (
+            {"max_steps_keyword": "limit", "kwargs": {"limit": 7}},
+            "`kwargs`: expected no limit, as `max_steps` says 6, got 7",
+        ),
         ({"moves": {0: (1.0, 0.0)}}, "`moves`: expected a Move or a Turn by a finite number for action 0"),
     ],
 )
@@ -91,6 +100,7 @@ def test_the_rooms_are_tasks(name: str) -> None:
     assert spec.max_episode_steps == 20
     assert set(task.keys.values()) == set(range(spec.num_actions))
     assert spec.moves == {0: (0.5, 0.0, 0.0), 1: (0.0, 0.0, math.pi / 4), 2: (0.0, 0.0, -math.pi / 4)}
+    assert replace(task, max_steps=40).new_env().unwrapped.config.horizon_steps == 40  # type: ignore[attr-defined]
     env = task.new_env()
     env.reset(seed=1)
     assert task.shortest is not None

@@ -173,6 +173,8 @@ class TaskSpec:
     actions leave it as it is. None where nobody said."""
     is_touched_told: bool = False
     """Whether the task says at which steps something was reached."""
+    can_last: bool = False
+    """Whether the environment is told how many steps an episode may last."""
 
     @property
     def can_localise(self) -> bool:
@@ -212,6 +214,9 @@ class Task:
     """None: what the environment pays."""
     max_steps: int | None = None
     """Of the longest episode; None: that of the environment's registration."""
+    max_steps_keyword: str | None = None
+    """What `make` calls `max_steps`, which it is given then: an environment that counts its steps can be
+    asked for longer episodes, as training does (`env.horizon_factor`)."""
     interactions: Mapping[int, int] = field(default_factory=dict)
     """Action -> the interaction that it does; actions count from 0, whatever their space begins with."""
     success_reward: float | None = None
@@ -243,9 +248,26 @@ class Task:
     metrics: tuple[str, ...] = ()
     """Numbers in `info` of the last step whose means an evaluation shows."""
 
+    def __post_init__(self) -> None:
+        """Check what follows from no environment.
+
+        Raises:
+            ArgumentError: For a keyword that nothing is to be given, or that is given twice.
+        """
+        keyword = self.max_steps_keyword
+        if keyword is not None and self.max_steps is None:
+            raise ArgumentError(f"`max_steps`: expected a number to call `make` with as {keyword}, got None")
+        if keyword is not None and keyword in self.kwargs:
+            raise ArgumentError(
+                f"`kwargs`: expected no {keyword}, as `max_steps` says {self.max_steps}, "
+                f"got {self.kwargs[keyword]!r}"
+            )
+
     def new_env(self, *, rendering: bool = False) -> gymnasium.Env[Any, Any]:
         """One environment; `rendering` asks for one that `render` draws, where there is such a one."""
         kwargs = dict(self.kwargs)
+        if self.max_steps_keyword is not None:
+            kwargs[self.max_steps_keyword] = self.max_steps
         if rendering and _can_render(self.make):
             kwargs.setdefault("render_mode", "rgb_array")
         if isinstance(self.make, str):
@@ -296,8 +318,9 @@ class Task:
         self._check_moves(spec)
         if self.moves is not None:
             spec = replace(spec, moves={action: motion.pose_change for action, motion in self.moves.items()})
-        if self.touched is not None:
-            spec = replace(spec, is_touched_told=True)
+        spec = replace(
+            spec, is_touched_told=self.touched is not None, can_last=self.max_steps_keyword is not None
+        )
         if len(spec.frame_shape) == 2:
             # What embeds frames wants channels: a grey picture has one.
             return replace(spec, frame_shape=(*spec.frame_shape, 1))

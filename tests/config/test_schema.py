@@ -68,6 +68,7 @@ def test_the_paper_overlay_switches_departures_of_the_method_off() -> None:
     )
     assert (train.return_lambda, train.value_weight) == (1.0, 0.5)
     assert train.learning_rate_end is train.entropy_weight_end is None
+    assert load_config([CONFIGS / "paper.yaml"]).env.horizon_factor == 1
 
 
 @pytest.mark.parametrize(

@@ -106,9 +106,16 @@ def test_a_pipe_gets_one_whole_line_a_row(tmp_path: Path) -> None:
 
 
 def test_a_window_averages_a_loss_over_the_updates_that_had_it() -> None:
-    window = Window()
+    window = Window(max_steps=20)
     window.add_update({"policy": 1.0})
     window.add_update({"policy": 3.0, "supcon": 5.0})
     assert window.losses() == {"policy": 2.0, "supcon": 5.0}
     window.episodes += [ended(Outcome.SUCCESS, 4, 10.0), ended(Outcome.TIMEOUT, 20, -0.3)]
     assert window.rates() == {"success": 0.5, "failure": 0.0, "timeout": 0.5, "steps": 12.0, "return": 4.85}
+
+
+def test_what_ends_after_the_tasks_steps_is_a_timeout_in_the_rates() -> None:
+    window = Window(max_steps=20)
+    late = [ended(Outcome.SUCCESS, 21, 10.0), ended(Outcome.FAILURE, 40, -1.0)]
+    window.episodes += [*late, ended(Outcome.SUCCESS, 20, 10.0), ended(Outcome.FAILURE, 2, -1.0)]
+    assert window.rates() == {"success": 0.25, "failure": 0.25, "timeout": 0.5, "steps": 15.5, "return": 4.5}

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import re
 import sys
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -172,9 +174,28 @@ def settled(config: Config, spec: TaskSpec) -> Config:
         "supcon_batch": max(16, 2 * spec.num_goals),
         "relabel_on": ("failure", "timeout") if reaches_on_the_way else ("failure",),
     }
-    method = config.method
-    update = {key: value for key, value in own.items() if getattr(method, key) is None}
-    return config.model_copy(update={"method": method.model_copy(update=update)})
+    method, env = config.method, config.env
+    update: dict[str, Any] = {
+        "method": method.model_copy(
+            update={key: value for key, value in own.items() if getattr(method, key) is None}
+        )
+    }
+    if env.horizon_factor is None:
+        factor = 2.0 if spec.can_last and method.row.has_imitation else 1.0
+        update["env"] = env.model_copy(update={"horizon_factor": factor})
+    return config.model_copy(update=update)
+
+
+def for_training(config: Config, task: Task, spec: TaskSpec) -> tuple[Task, TaskSpec]:
+    """A task and what follows from it as training plays it: episodes may last longer.
+
+    Args:
+        config: settled.
+        task: in its own words.
+        spec: what follows from it.
+    """
+    longest = math.ceil(spec.max_episode_steps * (config.env.horizon_factor or 1.0))
+    return replace(task, max_steps=longest), replace(spec, max_episode_steps=longest)
 
 
 def check_goals(config: Config, num_goals: int) -> None:

@@ -83,6 +83,11 @@ class EnvSection(_Section):
     episodes are played again from their seeds and actions."""
     renderer: str = "raster"
     """What draws the camera image of a room, as `vhs.envs` names it."""
+    horizon_factor: Annotated[float, Field(ge=1.0)] | None = None
+    """How many times the steps of the task an episode of training may last (paper: 1): what is reached late
+    teaches too. Rates count what succeeds within the task's own steps, and evaluation gives no more; an
+    environment that ends by itself still does. null is 2 where hindsight imitates and the environment can be
+    asked for longer episodes (`Task.max_steps_keyword`), and 1 elsewhere."""
     room: dict[str, Any] = Field(default_factory=dict)
     """Overrides of `vhs.envs.RoomConfig`, for example ``{stride_m: 0.3}``; for the rooms alone."""
     kwargs: dict[str, Any] = Field(default_factory=dict)
@@ -341,6 +346,7 @@ class Config(_Section):
 
 
 DECIDED_BY_TASK = (
+    "env.horizon_factor",
     "method.supcon_batch",
     "method.relabel_on",
     "method.localisation_weight",
@@ -363,6 +369,7 @@ GONE = frozenset({"train.learners"})
 """Keys that a whole configuration of an earlier version may still have, and that nothing reads any more."""
 
 BEFORE: dict[str, Any] = {
+    "env.horizon_factor": 1.0,
     "method.localisation_weight": 0.0,
     "method.memory_weight": 0.0,
     "method.replay_ratio": 0,

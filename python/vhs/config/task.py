@@ -66,6 +66,7 @@ class TaskSection(_Words):
     """``EnvId``, or ``module:EnvId`` where importing the module registers it."""
     name: str = ""
     max_steps: Annotated[int, Field(ge=1)] | None = None
+    max_steps_keyword: Annotated[str, Field(min_length=1)] | None = None
     image: str | None = None
     """Entry of the observation that is the picture; null: by the observation space."""
     goal: str | None = None

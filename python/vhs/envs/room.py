@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, SupportsFloat, SupportsIndex
 
@@ -59,6 +60,7 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
         render_mode: str | None = None,
         renderer: str = "raster",
         objects_dir: str | Path | None = None,
+        horizon_steps: int | None = None,
     ) -> None:
         """Load the room; nothing is drawn before the first reset.
 
@@ -68,12 +70,15 @@ class RoomEnv(gymnasium.Env[Observation, np.int64]):
             render_mode: "rgb_array" for `render`'s third-person view, or None.
             renderer: what draws observations, a key of `vhs.envs.rendering.RENDERERS`.
             objects_dir: folder with meshes of your own; see `vhs.envs.objects`.
+            horizon_steps: in place of the one in `config`.
         """
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode: expected 'rgb_array' or None, found {render_mode!r}")
         check_renderer(renderer)
         self.task = _find_task(task)
         self.config = RoomConfig() if config is None else config
+        if horizon_steps is not None:
+            self.config = replace(self.config, horizon_steps=horizon_steps)
         self.render_mode = render_mode
         size_px = self.config.image_px
         # Task 1 has no interactions; its instruction keeps the key, always 0: one agent fits all tasks.

@@ -82,6 +82,7 @@ def _room_task(name: str, kind: RoomTask, config: RoomConfig, renderer: str) -> 
         make=kind.env_id,
         kwargs={"config": config, "renderer": renderer},
         max_steps=config.horizon_steps,
+        max_steps_keyword="horizon_steps",
         interactions=last_actions(kind.num_actions, kind.interactions),
         success_reward=config.reward_success + config.reward_step,
         goals=OBJECT_NAMES,

@@ -71,8 +71,8 @@ def task_of_words(words: Mapping[str, Any]) -> Task:
         words: the fields of `vhs.config.task.TaskSection`, checked.
     """
     told = {name: words[name] for name in ("image", "goal", "interaction") if words[name] is not None}
-    plain = ("make", "name", "max_steps", "goals", "replayable", "limit_ends", "actions", "metrics")
-    fields: dict[str, Any] = {name: words[name] for name in plain}
+    plain = ("make", "name", "max_steps", "max_steps_keyword", "goals", "replayable", "limit_ends")
+    fields: dict[str, Any] = {name: words[name] for name in (*plain, "actions", "metrics")}
     fields |= {name: dict(words[name]) for name in ("interactions", "keys")}
     if words["beside"]:
         told["fields"] = tuple(words["beside"])

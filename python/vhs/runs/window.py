@@ -20,8 +20,13 @@ class EpisodeResult(NamedTuple):
 class Window:
     """Sums over the episodes and updates since the last whole row."""
 
-    def __init__(self) -> None:
-        """Start empty."""
+    def __init__(self, max_steps: int) -> None:
+        """Start empty.
+
+        Args:
+            max_steps: of the task's longest episode; those of training may last longer.
+        """
+        self._max_steps = max_steps
         self.episodes: list[EpisodeResult] = []
         self._sums: dict[str, float] = {}
         self._counts: dict[str, int] = {}
@@ -47,18 +52,27 @@ class Window:
             self._counts[name] = self._counts.get(name, 0) + 1
 
     def rates(self) -> dict[str, float]:
-        """Shares of the three outcomes, mean steps and mean undiscounted return."""
-        return summarise(self.episodes)
+        """Shares of the three outcomes within the task's steps, mean steps and mean undiscounted return."""
+        return summarise(self.episodes, self._max_steps)
 
     def losses(self) -> dict[str, float]:
         """Mean of every loss term."""
         return {name: total / self._counts[name] for name, total in self._sums.items()}
 
 
-def summarise(episodes: Sequence[EndedEpisode | EpisodeResult]) -> dict[str, float]:
-    """Success, failure and timeout rate, mean steps and mean undiscounted return of some episodes."""
+def summarise(
+    episodes: Sequence[EndedEpisode | EpisodeResult], max_steps: int | None = None
+) -> dict[str, float]:
+    """Success, failure and timeout rate, mean steps and mean undiscounted return of some episodes.
+
+    Args:
+        episodes: one at least.
+        max_steps: what ended after so many steps counts as a timeout then, its return as it was; None: none
+            did.
+    """
     count = len(episodes)
-    row = {outcome.name.lower(): sum(e.outcome == outcome for e in episodes) / count for outcome in Outcome}
-    row["steps"] = sum(e.steps for e in episodes) / count
+    outcomes = [e.outcome if max_steps is None or e.steps <= max_steps else Outcome.TIMEOUT for e in episodes]
+    row = {outcome.name.lower(): outcomes.count(outcome) / count for outcome in Outcome}
+    row["steps"] = sum(min(e.steps, max_steps or e.steps) for e in episodes) / count
     row["return"] = sum(e.episode_return for e in episodes) / count
     return row

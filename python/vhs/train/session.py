@@ -18,12 +18,21 @@ from typing import Any
 import numpy as np
 import torch
 
+from vhs import Outcome
 from vhs.acting.actor import Actor
 from vhs.acting.episodes import EndedEpisode, Episodes
 from vhs.acting.players import AgentPlayer
 from vhs.acting.resume import count_episodes, episodes_state, resume_episodes
 from vhs.acting.seeds import episode_seeds, own_seed
-from vhs.acting.setup import check_spec, learn_spec, make_buffer, make_stepping, settled, task_of
+from vhs.acting.setup import (
+    check_spec,
+    for_training,
+    learn_spec,
+    make_buffer,
+    make_stepping,
+    settled,
+    task_of,
+)
 from vhs.config import Config
 from vhs.interrupt import StopRequest
 from vhs.learning.learner import reached_after
@@ -95,9 +104,11 @@ class Session:
         """Whether this process was asked to stop."""
         self._is_stop_agreed = False
         check_spec(config, task, spec, is_own=extractor is not None)
+        self._max_steps = spec.max_episode_steps
+        task, spec = for_training(config, task, spec)
         self._learner = make_learner(config, spec, extractor, world)
         self._generator = torch.Generator().manual_seed(config.seed)
-        self._window = Window()
+        self._window = Window(self._max_steps)
         with fitting(run):
             saved = self._restore() if has_checkpoint(run) else []
         if not saved and config.train.start_from is not None:
@@ -188,7 +199,7 @@ class Session:
         if len(self._window.episodes) >= self._config.train.log_every:
             self._write_row(log)
             self._doubt(log)
-            self._window, self.progress.logged = Window(), self.progress.episodes
+            self._window, self.progress.logged = Window(self._max_steps), self.progress.episodes
         if self._learner.updates % _CHECK_EVERY == 0:
             self.expect_equal_weights()
         every = self._config.train.media_every
@@ -239,7 +250,8 @@ class Session:
     def _doubt(self, log: Log) -> None:
         """Say after the first row that there was no success: nobody learns from a judge that sees none."""
         count = len(self._window.episodes)
-        if count == self.progress.episodes >= _MANY and not self._window.rates()["success"]:
+        is_seen = any(episode.outcome == Outcome.SUCCESS for episode in self._window.episodes)
+        if count == self.progress.episodes >= _MANY and not is_seen:
             log.say(
                 f"none of the first {count} episodes was a success; if one was, `judge` of task "
                 f"{self._task.name} does not say so"
