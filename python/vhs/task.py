@@ -175,6 +175,8 @@ class TaskSpec:
     """Whether the task says at which steps something was reached."""
     can_last: bool = False
     """Whether the environment is told how many steps an episode may last."""
+    is_replayable: bool = True
+    """Whether a seed and actions repeat an episode."""
 
     @property
     def can_localise(self) -> bool:
@@ -319,7 +321,10 @@ class Task:
         if self.moves is not None:
             spec = replace(spec, moves={action: motion.pose_change for action, motion in self.moves.items()})
         spec = replace(
-            spec, is_touched_told=self.touched is not None, can_last=self.max_steps_keyword is not None
+            spec,
+            is_touched_told=self.touched is not None,
+            can_last=self.max_steps_keyword is not None,
+            is_replayable=self.replayable,
         )
         if len(spec.frame_shape) == 2:
             # What embeds frames wants channels: a grey picture has one.

@@ -6,6 +6,7 @@ import tempfile
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 
 from vhs import EpisodeBatch, EpisodeBuffer, Outcome
 from vhs.acting.setup import learn_spec, settled, task_of
@@ -27,6 +28,11 @@ def played(outcomes: list[Outcome] = OUTCOMES) -> tuple[EpisodeBuffer, EpisodeBa
     return buffer, buffer.gather(play(buffer, outcomes))
 
 
+def fresh(count: int) -> NDArray[np.bool_]:
+    """No seed was missed before."""
+    return np.zeros(count, np.bool_)
+
+
 def kept(replay: Replay) -> EpisodeBatch:
     drawn = replay.draw()
     assert drawn is not None
@@ -36,7 +42,7 @@ def kept(replay: Replay) -> EpisodeBatch:
 def test_what_reached_something_is_kept() -> None:
     replay = Replay(make_buffer(), 2, REACHING)
     buffer, batch = played()
-    replay.collect(buffer, batch, 4, None)
+    replay.collect(buffer, batch, None, fresh(4))
     assert kept(replay).lengths.tolist() == [3, 4, 6]
     assert kept(replay).outcomes.tolist() == [Outcome.SUCCESS, Outcome.FAILURE, Outcome.FAILURE]
 
@@ -44,19 +50,29 @@ def test_what_reached_something_is_kept() -> None:
 def test_each_is_kept_as_far_as_it_reached_and_the_oldest_leave() -> None:
     replay = Replay(make_buffer(20), 2, tuple(Outcome))
     buffer, batch = played()
-    replay.collect(buffer, batch, 4, np.array([3, 2, 4, 0]))
+    replay.collect(buffer, batch, np.array([3, 2, 4, 0]), fresh(4))
     assert kept(replay).lengths.tolist() == [3, 2, 4]
     assert kept(replay).terminated.tolist() == [True, False, False]
-    replay.collect(buffer, batch, 4, None)
+    replay.collect(buffer, batch, None, fresh(4))
     assert kept(replay).lengths.tolist() == [3, 4, 5, 6], "of twenty steps"
+
+
+def test_a_success_whose_seed_was_missed_before_is_kept_five_times() -> None:
+    replay = Replay(make_buffer(60), 2, REACHING)
+    buffer, batch = played([Outcome.SUCCESS, Outcome.FAILURE, Outcome.TIMEOUT, Outcome.SUCCESS])
+    replay.collect(buffer, batch, None, np.array([False, True, True, True]))
+    assert kept(replay).lengths.tolist() == [3, 4, 6, 6, 6, 6, 6]
+    small = Replay(make_buffer(20), 2, REACHING)
+    small.collect(buffer, batch, None, np.array([True, True, True, True]))
+    assert kept(small).lengths.tolist() == [6, 6, 6], "of twenty steps"
 
 
 def test_only_what_has_just_ended_is_kept_anew() -> None:
     replay = Replay(make_buffer(), 1, REACHING)
     buffer, batch = played()
-    replay.collect(buffer, batch, 4, None)
+    replay.collect(buffer, batch, None, fresh(4))
     joined = buffer.gather(batch.ids[:2], also=replay.draw())
-    replay.collect(buffer, joined, 2, None)
+    replay.collect(buffer, joined, None, fresh(2))
     assert kept(replay).lengths.tolist() == [3, 4, 6, 3, 4]
 
 
@@ -64,9 +80,9 @@ def test_nothing_is_drawn_before_there_is_enough_and_then_at_random() -> None:
     replay = Replay(make_buffer(), 3, REACHING)
     assert replay.draw() is None
     buffer, batch = played()
-    replay.collect(buffer, batch, 2, None)
+    replay.collect(buffer, batch, None, fresh(2))
     assert replay.draw() is None
-    replay.collect(buffer, batch, 4, None)
+    replay.collect(buffer, batch, None, fresh(4))
     draws = [drawn[1].tolist() for drawn in (replay.draw() for _ in range(50)) if drawn is not None]
     assert {len(ids) for ids in draws} == {3}
     assert {id for ids in draws for id in ids} == {0, 1, 2, 3, 4}
@@ -75,7 +91,7 @@ def test_nothing_is_drawn_before_there_is_enough_and_then_at_random() -> None:
 def test_a_state_brings_back_episodes_and_draws() -> None:
     replay, other = (Replay(make_buffer(), 2, REACHING) for _ in range(2))
     buffer, batch = played()
-    replay.collect(buffer, batch, 4, None)
+    replay.collect(buffer, batch, None, fresh(4))
     replay.draw()
     other.load_state_dict(copy.deepcopy(replay.state_dict()))
     for _ in range(5):
@@ -93,7 +109,7 @@ def test_kept_episodes_are_imitated_under_what_they_reached() -> None:
     replay = Replay(make_buffer(), 2, REACHING)
     learner = small_learner(*settings, "method.hindsight_discount=0.5", replay=replay)
     buffer, batch = played()
-    replay.collect(buffer, batch, 2, None)  # two episodes, of 3 and 4 steps
+    replay.collect(buffer, batch, None, fresh(2))  # two episodes, of 3 and 4 steps
     drawn = replay.draw()
     assert drawn is not None
     joined = buffer.gather(batch.ids, also=(drawn[0], np.array([0, 1])))
@@ -123,7 +139,7 @@ def test_the_rest_of_an_update_does_not_hear_of_kept_episodes() -> None:
         learner.agent.train = lambda mode=True: learner.agent  # type: ignore[method-assign,assignment]
         learner.agent.eval()
         buffer, batch = played()
-        held.collect(buffer, batch, 4, None)
+        held.collect(buffer, batch, None, fresh(4))
         joined = buffer.gather(batch.ids, also=held.draw()) if replay else batch
         return learner.update(joined, goals_for(batch))
 
@@ -137,7 +153,7 @@ def test_a_learner_saves_what_it_keeps() -> None:
     learner, other = (small_learner(replay=Replay(make_buffer(), 2, REACHING)) for _ in range(2))
     buffer, batch = played()
     assert learner.replay is not None
-    learner.replay.collect(buffer, batch, 4, None)
+    learner.replay.collect(buffer, batch, None, fresh(4))
     other.load_state_dict(copy.deepcopy(learner.state_dict()))
     for one in (learner, other):
         fill_store(one.goals)
@@ -158,7 +174,7 @@ def test_what_reached_nothing_is_neither_imitated_nor_kept(target: str) -> None:
     for _ in range(2):
         joined = buffer.gather(batch.ids, also=replay.draw())
         assert learner.update(joined, goals_for(batch), touched)["relabelled"] == 0.5, "both failures"
-        replay.collect(buffer, joined, 4, reached_after(joined, touched))
+        replay.collect(buffer, joined, reached_after(joined, touched), fresh(4))
     assert kept(replay).lengths.tolist() == [3, 4, 2] * 2
 
 
@@ -204,7 +220,7 @@ def test_ranks_share_what_is_kept_and_what_is_drawn(num_ranks: int, steps: int, 
         buffer.append(0, 0, 0.0, 0.0, frame)
     batch = buffer.gather([buffer.finish(0, Outcome.SUCCESS)])
     for _ in range(300):
-        replay.collect(buffer, batch, 1, None)
+        replay.collect(buffer, batch, None, fresh(1))
     drawn = replay.draw()
     assert drawn is not None
     assert len(drawn[1]) == episodes

@@ -7,10 +7,9 @@ from pathlib import Path
 import pytest
 
 from vhs import Outcome
-from vhs.acting.episodes import EndedEpisode
 from vhs.errors import CheckpointError, OutputError
 from vhs.runs.rows import read_log
-from vhs.runs.window import Window
+from vhs.runs.window import EpisodeResult, Window
 from vhs.train.log import TrainingLog
 
 
@@ -32,10 +31,6 @@ def write(run: Path, first: int, *rows: dict[str, float]) -> str:
         for one in rows:
             log.write(one)
     return told.getvalue()
-
-
-def ended(outcome: Outcome, steps: int, episode_return: float) -> EndedEpisode:
-    return EndedEpisode(0, 0, 0, 0, 0, outcome, steps, episode_return)
 
 
 def test_rows_behind_the_checkpoint_are_dropped_on_resume(tmp_path: Path) -> None:
@@ -110,12 +105,28 @@ def test_a_window_averages_a_loss_over_the_updates_that_had_it() -> None:
     window.add_update({"policy": 1.0})
     window.add_update({"policy": 3.0, "supcon": 5.0})
     assert window.losses() == {"policy": 2.0, "supcon": 5.0}
-    window.episodes += [ended(Outcome.SUCCESS, 4, 10.0), ended(Outcome.TIMEOUT, 20, -0.3)]
+    window.episodes += [EpisodeResult(Outcome.SUCCESS, 4, 10.0), EpisodeResult(Outcome.TIMEOUT, 20, -0.3)]
     assert window.rates() == {"success": 0.5, "failure": 0.0, "timeout": 0.5, "steps": 12.0, "return": 4.85}
 
 
 def test_what_ends_after_the_tasks_steps_is_a_timeout_in_the_rates() -> None:
     window = Window(max_steps=20)
-    late = [ended(Outcome.SUCCESS, 21, 10.0), ended(Outcome.FAILURE, 40, -1.0)]
-    window.episodes += [*late, ended(Outcome.SUCCESS, 20, 10.0), ended(Outcome.FAILURE, 2, -1.0)]
+    late = [EpisodeResult(Outcome.SUCCESS, 21, 10.0), EpisodeResult(Outcome.FAILURE, 40, -1.0)]
+    window.episodes += [
+        *late,
+        EpisodeResult(Outcome.SUCCESS, 20, 10.0),
+        EpisodeResult(Outcome.FAILURE, 2, -1.0),
+    ]
     assert window.rates() == {"success": 0.25, "failure": 0.25, "timeout": 0.5, "steps": 15.5, "return": 4.5}
+
+
+def test_rates_are_of_seeds_that_were_not_missed_before() -> None:
+    window = Window(max_steps=20)
+    window.episodes += [EpisodeResult(Outcome.SUCCESS, 4, 10.0), EpisodeResult(Outcome.TIMEOUT, 20, -0.3)]
+    fresh = window.rates()
+    again = [(Outcome.SUCCESS, 30), (Outcome.SUCCESS, 9), (Outcome.FAILURE, 2), (Outcome.TIMEOUT, 40)]
+    window.episodes += [EpisodeResult(outcome, steps, 0.0, is_retry=True) for outcome, steps in again]
+    assert window.rates() == fresh | {"retry_success": 0.25}
+    kept = Window(max_steps=20)
+    kept.load_state_dict(window.state_dict())
+    assert kept.rates() == window.rates()

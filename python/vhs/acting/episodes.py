@@ -118,8 +118,6 @@ class Episodes:
         self._values = np.zeros(buffer.num_streams, dtype=np.float32)
         self.under_way = 0
         """Commands that are not answered yet."""
-        self.begun = 0
-        """Seeds taken."""
         self.cut = 0
         """Episodes that were lost with their worker."""
         self.steps = 0
@@ -204,7 +202,6 @@ class Episodes:
 
     def _next(self, streams: Iterable[int]) -> None:
         seeds = dict(zip(streams, self._seeds, strict=False))
-        self.begun += len(seeds)
         self.begin(seeds)
 
     def _send(self, streams: NDArray[np.int64]) -> None:

@@ -16,9 +16,9 @@ No frames of these are saved. An environment repeats an episode bit for bit from
 so waiting and running episodes are played again, which fills the episode buffer and brings the environments
 to where they were. What they cannot repeat is saved: critic's values, goal embeddings, LSTM states, actions
 under way. With the learner (weights, optimiser, prototypes, goal store, kept episodes, their generators),
-the generator of the actions and the number of seeds used, that is everything that the next move reads. In
-lock-step the continued run is therefore the uninterrupted one, bit for bit, on the same machine, software
-and number of torch's threads.
+the generator of the actions, the number of seeds used and those that were missed, that is everything that
+the next move reads. In lock-step the continued run is therefore the uninterrupted one, bit for bit, on the
+same machine, software and number of torch's threads.
 """
 
 from __future__ import annotations

@@ -6,7 +6,6 @@ import math
 import re
 import sys
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import torch
@@ -163,7 +162,7 @@ def check_runnable(config: Config, task: Task | None = None) -> None:
 
 
 def settled(config: Config, spec: TaskSpec) -> Config:
-    """The same configuration with what a task decides filled in: keys of `method` that are null."""
+    """The same configuration with what a task decides filled in: keys that are null until it is known."""
     can_localise, terms = spec.can_localise, config.method.row.terms
     # Where every picture is a goal, or the task says where one was reached, a timeout reached something too.
     reaches_on_the_way = spec.goals != "labels" or spec.is_touched_told
@@ -174,15 +173,17 @@ def settled(config: Config, spec: TaskSpec) -> Config:
         "supcon_batch": max(16, 2 * spec.num_goals),
         "relabel_on": ("failure", "timeout") if reaches_on_the_way else ("failure",),
     }
-    method, env = config.method, config.env
-    update: dict[str, Any] = {
-        "method": method.model_copy(
-            update={key: value for key, value in own.items() if getattr(method, key) is None}
-        )
+    imitates = config.method.row.has_imitation
+    of_env = {
+        "horizon_factor": 2.0 if spec.can_last and imitates else 1.0,
+        "retry_share": 0.25 if spec.is_replayable and imitates else 0.0,
     }
-    if env.horizon_factor is None:
-        factor = 2.0 if spec.can_last and method.row.has_imitation else 1.0
-        update["env"] = env.model_copy(update={"horizon_factor": factor})
+    update = {
+        name: section.model_copy(
+            update={key: value for key, value in wanted.items() if getattr(section, key) is None}
+        )
+        for name, section, wanted in (("method", config.method, own), ("env", config.env, of_env))
+    }
     return config.model_copy(update=update)
 
 

@@ -88,6 +88,10 @@ class EnvSection(_Section):
     teaches too. Rates count what succeeds within the task's own steps, and evaluation gives no more; an
     environment that ends by itself still does. null is 2 where hindsight imitates and the environment can be
     asked for longer episodes (`Task.max_steps_keyword`), and 1 elsewhere."""
+    retry_share: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
+    """Share of episodes that begin from a seed that was missed, as its episode did not succeed within the
+    task's steps, so that what is rare and hard is met more often (paper: 0); rates are of the others. null is
+    0.25 where hindsight imitates and a seed repeats an episode (`Task.replayable`), and 0 elsewhere."""
     room: dict[str, Any] = Field(default_factory=dict)
     """Overrides of `vhs.envs.RoomConfig`, for example ``{stride_m: 0.3}``; for the rooms alone."""
     kwargs: dict[str, Any] = Field(default_factory=dict)
@@ -347,6 +351,7 @@ class Config(_Section):
 
 DECIDED_BY_TASK = (
     "env.horizon_factor",
+    "env.retry_share",
     "method.supcon_batch",
     "method.relabel_on",
     "method.localisation_weight",
@@ -370,6 +375,7 @@ GONE = frozenset({"train.learners"})
 
 BEFORE: dict[str, Any] = {
     "env.horizon_factor": 1.0,
+    "env.retry_share": 0.0,
     "method.localisation_weight": 0.0,
     "method.memory_weight": 0.0,
     "method.replay_ratio": 0,

@@ -25,6 +25,9 @@ from vhs.config import Config
 from vhs.errors import OutputError
 from vhs.task import TaskSpec
 
+_RETRY_COPIES = 5
+"""Of a success whose seed had been missed before: what is rare is imitated more often."""
+
 
 class Replay:
     """Keeps the newest episodes that reached something, and draws from them."""
@@ -49,21 +52,29 @@ class Replay:
         return self._buffer, self._buffer.sample_ids(self._num_episodes)
 
     def collect(
-        self, buffer: EpisodeBuffer, batch: EpisodeBatch, count: int, ends: NDArray[np.int64] | None
+        self,
+        buffer: EpisodeBuffer,
+        batch: EpisodeBatch,
+        ends: NDArray[np.int64] | None,
+        are_retries: NDArray[np.bool_],
     ) -> None:
-        """Keep those that reached something of the first `count` episodes of a batch, which lie in `buffer`.
+        """Keep those that reached something of the first B episodes of a batch, which lie in `buffer`.
 
         Args:
             buffer: where they lie.
             batch: an update's.
-            count: episodes of it that have just ended.
-            ends: steps until each reached what it reached, int64 [count], 0 where nothing was; None: its
-                last observation shows it.
+            ends: steps until each reached what it reached, int64 [B], 0 where nothing was; None: its last
+                observation shows it.
+            are_retries: of those that have just ended, whether their seed had been missed before, bool [B].
+                Such are hard, and kept several times: as often as that they are drawn.
         """
+        count = len(are_retries)
         lengths = batch.lengths[:count] if ends is None else ends
         reaching = [int(outcome) for outcome in self.outcomes]
         is_kept = np.isin(batch.outcomes[:count], reaching) & (lengths > 0)
-        self._buffer.collect(buffer, batch.ids[:count][is_kept], steps=lengths[is_kept])
+        times = np.where(are_retries & (batch.outcomes[:count] == Outcome.SUCCESS), _RETRY_COPIES, 1)[is_kept]
+        rows = np.flatnonzero(is_kept).repeat(times)
+        self._buffer.collect(buffer, batch.ids[rows], steps=lengths[rows])
 
     def state_dict(self) -> dict[str, Tensor]:
         """The episodes and the generator, as a file of `EpisodeBuffer.save`.

@@ -15,6 +15,8 @@ class EpisodeResult(NamedTuple):
     outcome: Outcome
     steps: int
     episode_return: float
+    is_retry: bool = False
+    """Whether its seed had been missed before (`vhs.acting.seeds`)."""
 
 
 class Window:
@@ -33,7 +35,7 @@ class Window:
 
     def state_dict(self) -> dict[str, Any]:
         """Everything, as plain values."""
-        episodes = [(int(e.outcome), e.steps, e.episode_return) for e in self.episodes]
+        episodes = [(int(e.outcome), e.steps, e.episode_return, e.is_retry) for e in self.episodes]
         return {"episodes": episodes, "sums": dict(self._sums), "counts": dict(self._counts)}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -52,8 +54,17 @@ class Window:
             self._counts[name] = self._counts.get(name, 0) + 1
 
     def rates(self) -> dict[str, float]:
-        """Shares of the three outcomes within the task's steps, mean steps and mean undiscounted return."""
-        return summarise(self.episodes, self._max_steps)
+        """Shares of the three outcomes within the task's steps, mean steps and mean undiscounted return.
+
+        They are of fresh seeds; beside them stands the success of those that had been missed before, if there
+        are any.
+        """
+        again = [episode for episode in self.episodes if episode.is_retry]
+        fresh = [episode for episode in self.episodes if not episode.is_retry]
+        rates = summarise(fresh or again, self._max_steps)
+        if again:
+            rates["retry_success"] = summarise(again, self._max_steps)["success"]
+        return rates
 
     def losses(self) -> dict[str, float]:
         """Mean of every loss term."""

@@ -28,6 +28,8 @@ from vhs.task import TaskSpec
 from vhs.world import World
 from vhs.world.world import table
 
+_NUMBERS = 4
+"""That are told of an episode."""
 _SEEN_WITHIN_S = 10.0
 """How long a shared file system may take to show a rank what another one wrote."""
 
@@ -36,18 +38,30 @@ class News:
     """What every rank says with an update; readable once `table` has been summed over the ranks."""
 
     def __init__(
-        self, world: World, episodes: Sequence[EndedEpisode], *, cut: int, stop: bool, save: bool
+        self,
+        world: World,
+        episodes: Sequence[EndedEpisode],
+        are_retries: Sequence[bool],
+        *,
+        cut: int,
+        stop: bool,
+        save: bool,
     ) -> None:
         """Say what there is of this rank.
 
         Args:
             world: the ranks.
             episodes: that it learns from, as many as every other rank.
+            are_retries: whether the seed of each had been missed before.
             cut: episodes that it has lost with their workers so far.
             stop: whether it was asked to stop.
             save: whether it wants a checkpoint.
         """
-        results = [number for e in episodes for number in (int(e.outcome), e.steps, e.episode_return)]
+        results = [
+            number
+            for e, is_retry in zip(episodes, are_retries, strict=True)
+            for number in (int(e.outcome), e.steps, e.episode_return, is_retry)
+        ]
         self.table = table(world, [cut, stop, save, *results])
 
     @property
@@ -68,13 +82,16 @@ class News:
     @property
     def results(self) -> list[EpisodeResult]:
         """The episodes of the update, by rank."""
-        rows = self.table[:, 3:].reshape(-1, 3).tolist()
-        return [EpisodeResult(Outcome(int(outcome)), int(steps), value) for outcome, steps, value in rows]
+        rows = self.table[:, 3:].reshape(-1, _NUMBERS).tolist()
+        return [
+            EpisodeResult(Outcome(int(outcome)), int(steps), value, bool(is_retry))
+            for outcome, steps, value, is_retry in rows
+        ]
 
     @property
     def successes(self) -> list[int]:
         """Successes of each rank."""
-        outcomes = self.table[:, 3:].reshape(len(self.table), -1, 3)[:, :, 0]
+        outcomes = self.table[:, 3:].reshape(len(self.table), -1, _NUMBERS)[:, :, 0]
         found: list[int] = (outcomes == int(Outcome.SUCCESS)).sum(dim=1).tolist()
         return found
 

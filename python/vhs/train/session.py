@@ -23,7 +23,7 @@ from vhs.acting.actor import Actor
 from vhs.acting.episodes import EndedEpisode, Episodes
 from vhs.acting.players import AgentPlayer
 from vhs.acting.resume import count_episodes, episodes_state, resume_episodes
-from vhs.acting.seeds import episode_seeds, own_seed
+from vhs.acting.seeds import Seeds, episode_seeds, own_seed
 from vhs.acting.setup import (
     check_spec,
     for_training,
@@ -60,7 +60,7 @@ class Progress:
     episodes: int = 0
     env_steps: int = 0
     begun: int = 0
-    """Index of this rank's next seed: of one process alone, the episodes begun."""
+    """Index of this rank's next fresh seed: of one process alone, the seeds begun."""
     logged: int = 0
     """Episodes in whole rows of the log; the row of a stopped run, if shorter, is made again."""
     seconds: float = 0.0
@@ -124,10 +124,11 @@ class Session:
             self._learner.agent, streams, dtype=self._learner.dtype, generator=self._generator
         )
         self._first_seed = self.progress.begun
-        seeds = episode_seeds(config.seed, first=self._first_seed, stride=world.size)
+        fresh = episode_seeds(config.seed, first=self._first_seed, stride=world.size)
+        self._seeds = Seeds(fresh, config.env.retry_share or 0.0, self._max_steps)
         self._stepping = make_stepping(config, task, spec, streams)
         player = AgentPlayer(self._actor, self._buffer, self._learner.goals.begin)
-        self._episodes = Episodes(self._stepping, player, self._buffer, seeds)
+        self._episodes = Episodes(self._stepping, player, self._buffer, self._seeds)
         self._waiting: deque[EndedEpisode] = deque()
         self._begin(saved)
         # A finished run has nothing to make again.
@@ -220,9 +221,11 @@ class Session:
         replay, world = self._learner.replay, self._world
         batch = self._buffer.gather(ids, also=None if replay is None else replay.draw())
         is_late = time.monotonic() - self._save_clock >= self._config.train.checkpoint_every_s
+        retries = [self._seeds.ended(episode.seed, episode.outcome, episode.steps) for episode in episodes]
         news = News(
             world,
             episodes,
+            retries,
             cut=self._episodes.cut,
             stop=self.stop.is_set or world.is_orphan,
             save=is_late and not world.rank,
@@ -234,7 +237,7 @@ class Session:
         )
         if replay is not None:
             ends = None if touched is None else reached_after(batch, touched)
-            replay.collect(self._buffer, batch, len(ids), ends)
+            replay.collect(self._buffer, batch, ends, np.array(retries))
         collect(world, self._learner.goals, self._buffer, ids, batch, news.successes)
         results = news.results
         self._window.add_episodes(results)
@@ -296,7 +299,7 @@ class Session:
         """Write a checkpoint, from which the run goes on as if nothing had happened; rank 0 writes it."""
         log.sync()
         self._tick(time.monotonic())
-        self.progress.begun = self._first_seed + self._world.size * self._episodes.begun
+        self.progress.begun = self._first_seed + self._world.size * self._seeds.num_fresh
         self.expect_equal_weights()
         if self._world.rank:
             self._world.gather(packed(self._own_state()))
@@ -320,6 +323,7 @@ class Session:
             "window": self._window.state_dict(),
             "settings": fixed_settings(self._config),
             "episodes": episodes_state(self._episodes, self._actor, self._waiting),
+            "seeds": self._seeds.state_dict(),
         }
 
     def _own_state(self) -> dict[str, Any]:
@@ -329,6 +333,7 @@ class Session:
             "learner": self._learner.own_state(),
             "actions": self._generator.get_state(),
             "episodes": episodes_state(self._episodes, self._actor, self._waiting),
+            "seeds": self._seeds.state_dict(),
         }
 
     def close(self) -> None:
@@ -344,7 +349,11 @@ class Session:
         state, goal_store = load_checkpoint(self._run)
         rank, size = self._world.rank, self._world.size
         states = [
-            {"begun": state["progress"]["begun"], "episodes": state["episodes"]},
+            {
+                "begun": state["progress"]["begun"],
+                "episodes": state["episodes"],
+                "seeds": state.get("seeds"),
+            },
             *state.get("ranks", []),
         ]
         self._learner.load_state_dict(state["learner"])
@@ -371,6 +380,8 @@ class Session:
         """Begin the first episodes, or go on with those of the checkpoint as far as that can be done."""
         rank, is_same = self._world.rank, len(saved) == self._world.size
         states = [own["episodes"] for own in saved]
+        if is_same and saved[rank].get("seeds") is not None:  # which no checkpoint of earlier versions has
+            self._seeds.load_state_dict(saved[rank]["seeds"])
         if is_same and self._task.replayable:
             self._resume(states[rank])
             return
