@@ -375,6 +375,14 @@ class Task:
         return self.actions[action] if self.actions else f"action {action}"
 
 
+def lengthened(task: Task, spec: TaskSpec, factor: float) -> tuple[Task, TaskSpec]:
+    """A task, and what follows from it, whose episodes may last so many times as long."""
+    longest = max(round(spec.max_episode_steps * factor), spec.max_episode_steps)
+    if longest == spec.max_episode_steps:
+        return task, spec
+    return replace(task, max_steps=longest), replace(spec, max_episode_steps=longest)
+
+
 def last_actions(num_actions: int, num_interactions: int) -> dict[int, int]:
     """The `interactions` of a task whose last actions interact, in their order."""
     first = num_actions - num_interactions

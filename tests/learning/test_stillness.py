@@ -57,6 +57,35 @@ def found(spec: Any, batch: EpisodeBatch) -> list[bool]:
     return result
 
 
+def test_a_small_thing_that_moves_before_a_plain_wall_is_seen() -> None:
+    """Wherever it stands between the rows and columns that are compared first."""
+    frames = [np.full((84, 84, 3), 40, np.uint8) for _ in range(4)]
+    for frame, column in zip(frames, (9, 13, 17, 17), strict=True):
+        frame[9:12, column : column + 3] = 255
+    spec = replace(MOVING, frame_shape=(84, 84, 3))
+    assert found(spec, batch_of(frames)) == [False, False, True]
+
+
+def test_pictures_of_small_numbers_are_compared_by_their_own_scale() -> None:
+    frames = [np.random.default_rng(0).integers(0, 11, (7, 7, 3)).astype(np.uint8) for _ in range(3)]
+    frames[1] = np.roll(frames[0], 1, axis=1)
+    frames[2] = frames[1]
+    few = np.zeros((7, 7, 3), np.uint8), np.zeros((7, 7, 3), np.uint8)
+    few[1][3, 3] = 2
+    spec = replace(MOVING, frame_shape=(7, 7, 3))
+    assert found(spec, batch_of([*frames, *few])) == [False, True, False, False]
+
+
+def test_a_camera_that_settles_is_still() -> None:
+    """A tenth of all numbers one level off, and an edge of four pixels a hundred."""
+    rng = np.random.default_rng(0)
+    one = rng.integers(0, 200, (84, 84, 3)).astype(np.uint8)
+    other = one + (rng.random(one.shape) < 0.1)
+    other[40, 40:44] = one[40, 40:44] + 100
+    spec = replace(MOVING, frame_shape=(84, 84, 3))
+    assert found(spec, batch_of([one, other.astype(np.uint8), one])) == [True, True]
+
+
 @pytest.mark.parametrize("spec", [TOY_SPEC, MOVING])
 def test_a_step_is_still_where_the_newest_frame_is_the_one_before(spec: Any) -> None:
     """A picture that was seen two steps ago is another one."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import sys
 from dataclasses import replace
@@ -40,7 +39,14 @@ def task_of(config: Config) -> Task:
         raise ConfigError(f"{key}: expected none for {config.task_name}, which is no room; see env.kwargs")
     else:
         task = _own_task(found)
-    return replace(task, name=task.name or config.task_name, kwargs={**task.kwargs, **env.kwargs})
+    kwargs, max_steps = {**task.kwargs, **env.kwargs}, task.max_steps
+    if task.max_steps_keyword in env.kwargs:  # then that is the limit
+        max_steps = kwargs.pop(task.max_steps_keyword)
+        if type(max_steps) is not int or max_steps < 1:
+            raise ConfigError(
+                f"env.kwargs.{task.max_steps_keyword}: expected a number of steps, found {max_steps!r}"
+            )
+    return replace(task, name=task.name or config.task_name, kwargs=kwargs, max_steps=max_steps)
 
 
 def is_room(config: Config) -> bool:
@@ -74,10 +80,11 @@ def learn_spec(config: Config, task: Task) -> TaskSpec:
     Raises:
         ArgumentError: a field of the task does not fit its environment; it is named.
     """
+    factor = horizon_factor(config, can_last=task.max_steps_keyword is not None)
     if workers_of(config):
-        return try_task_apart(task, config.env.deadline_s)
+        return try_task_apart(task, config.env.deadline_s, factor)
     load_triton_first()  # the environment may open OpenGL, in the process that will make an optimiser
-    return try_task(task)
+    return try_task(task, horizon_factor=factor)
 
 
 def make_env(task: Task, spec: TaskSpec, *, rendering: bool = False) -> TaskEnv:
@@ -175,7 +182,7 @@ def settled(config: Config, spec: TaskSpec) -> Config:
     }
     imitates = config.method.row.has_imitation
     of_env = {
-        "horizon_factor": 2.0 if spec.can_last and imitates else 1.0,
+        "horizon_factor": horizon_factor(config, can_last=spec.can_last),
         "retry_share": 0.25 if spec.is_replayable and imitates else 0.0,
     }
     update = {
@@ -187,16 +194,11 @@ def settled(config: Config, spec: TaskSpec) -> Config:
     return config.model_copy(update=update)
 
 
-def for_training(config: Config, task: Task, spec: TaskSpec) -> tuple[Task, TaskSpec]:
-    """A task and what follows from it as training plays it: episodes may last longer.
-
-    Args:
-        config: settled.
-        task: in its own words.
-        spec: what follows from it.
-    """
-    longest = math.ceil(spec.max_episode_steps * (config.env.horizon_factor or 1.0))
-    return replace(task, max_steps=longest), replace(spec, max_episode_steps=longest)
+def horizon_factor(config: Config, *, can_last: bool) -> float:
+    """How many times its steps an episode of training may last, of a task that says or does not say how."""
+    if config.env.horizon_factor is not None:
+        return config.env.horizon_factor
+    return 2.0 if can_last and config.method.row.has_imitation else 1.0
 
 
 def check_goals(config: Config, num_goals: int) -> None:

@@ -17,24 +17,26 @@ from multiprocessing import active_children, get_context
 
 from vhs.acting.environment import TaskEnv
 from vhs.errors import ConfigError
-from vhs.task import Task, TaskSpec
+from vhs.task import Task, TaskSpec, lengthened
 
 START_LIMIT_S = 120.0
 """How long an environment may take to be made, sized up and made again."""
 
 
-def try_task(task: Task, moved: Callable[[], object] = lambda: None) -> TaskSpec:
+def try_task(task: Task, moved: Callable[[], object] = lambda: None, horizon_factor: float = 1.0) -> TaskSpec:
     """Sizes and types of a task, of which one episode has been played at random in this process.
 
     Args:
         task: What is tried.
         moved: Called after the reset and after each step.
+        horizon_factor: How many times its steps that episode may last.
 
     Raises:
         ArgumentError: a field of the task does not fit its environment; it is named.
     """
     spec = task.spec()
-    with closing(TaskEnv(task.new_env(), task, spec)) as env:
+    longer, sizes = lengthened(task, spec, horizon_factor)
+    with closing(TaskEnv(longer.new_env(), longer, sizes)) as env:
         env.action_space.seed(0)
         env.reset(seed=0)
         is_over = False
@@ -45,12 +47,13 @@ def try_task(task: Task, moved: Callable[[], object] = lambda: None) -> TaskSpec
     return spec
 
 
-def try_task_apart(task: Task, deadline_s: float = 60.0) -> TaskSpec:
+def try_task_apart(task: Task, deadline_s: float = 60.0, horizon_factor: float = 1.0) -> TaskSpec:
     """As `try_task`, in a process of its own, which is forked: a task may hold what cannot be pickled.
 
     Args:
         task: What is tried.
         deadline_s: Seconds that a reset or a step may take.
+        horizon_factor: As for `try_task`.
 
     Raises:
         ConfigError: the process died, or its environment took too long.
@@ -62,7 +65,7 @@ def try_task_apart(task: Task, deadline_s: float = 60.0) -> TaskSpec:
         taken[:] = (int.from_bytes(taken[:]) + 1).to_bytes(8)
 
     # The arguments of an initialiser are inherited, those of a call are pickled.
-    arguments = (lambda: try_task(task, moved)), os.getpid()
+    arguments = (lambda: try_task(task, moved, horizon_factor)), os.getpid()
     with ProcessPoolExecutor(1, get_context("fork"), _remember, arguments) as process, _ending():
         future = process.submit(_call)
         before, limit_s = 0, START_LIMIT_S

@@ -83,7 +83,7 @@ class EnvSection(_Section):
     episodes are played again from their seeds and actions."""
     renderer: str = "raster"
     """What draws the camera image of a room, as `vhs.envs` names it."""
-    horizon_factor: Annotated[float, Field(ge=1.0)] | None = None
+    horizon_factor: Annotated[float, Field(ge=1.0, le=100.0)] | None = None
     """How many times the steps of the task an episode of training may last (paper: 1): what is reached late
     teaches too. Rates count what succeeds within the task's own steps, and evaluation gives no more; an
     environment that ends by itself still does. null is 2 where hindsight imitates and the environment can be

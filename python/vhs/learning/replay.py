@@ -22,7 +22,7 @@ from torch import Tensor
 from vhs import EpisodeBatch, EpisodeBuffer, Outcome
 from vhs.buffer import make_buffer
 from vhs.config import Config
-from vhs.errors import OutputError
+from vhs.errors import CheckpointError, OutputError
 from vhs.task import TaskSpec
 
 _RETRY_COPIES = 5
@@ -87,10 +87,21 @@ class Replay:
             return {"file": torch.from_numpy(np.fromfile(file, np.uint8))}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Return to a state that `state_dict` gave; it raises the same."""
+        """Return to a state that `state_dict` gave; it raises the same.
+
+        Raises:
+            CheckpointError: the task has longer or shorter episodes now.
+        """
         with _scratch() as file:
             state["file"].numpy().tofile(file)
-            self._buffer = EpisodeBuffer.load(file)
+            kept = EpisodeBuffer.load(file)
+        longest = self._buffer.max_episode_steps
+        if kept.max_episode_steps != longest:
+            raise CheckpointError(
+                f"expected episodes of up to {kept.max_episode_steps} steps in training, as when the "
+                f"checkpoint was made, found {longest}: `max_steps` of the task has changed"
+            )
+        self._buffer = kept
 
     def draw_from(self, state: NDArray[np.uint64]) -> None:
         """Draw with a generator that begins at a state of `vhs.Rng`."""

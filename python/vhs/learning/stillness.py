@@ -7,6 +7,8 @@ environment.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,10 +17,15 @@ from vhs.buffer import beside
 from vhs.task import TaskSpec
 
 STILL_LEVELS = 0.5
-"""Mean difference of two pictures, in levels of 0..255, below which a camera that actions move has not moved.
-In the rooms a robot that stands makes up to .2, whose servos still settle, and one that moves at all 1.4."""
+"""Mean difference of two pictures, in 255ths of the brightest number in them, below which a camera that
+actions move has not moved. In the rooms a robot that stands makes up to .3, whose servos still settle, and
+one that moves at all .6."""
+OTHER_LEVELS = 24
+"""Difference of a number, likewise, that is no settling of servos, ..."""
+OTHER_SHARE = 0.002
+"""... and the share of such numbers that shows a move all the same, of a small thing before a plain wall."""
 EVERY = 4
-"""Of each so many rows and columns one is compared then: a camera that moves changes a picture everywhere."""
+"""Of each so many rows and columns one is compared at first: what differs there need not be looked at."""
 
 
 class Stillness:
@@ -49,14 +56,11 @@ class Stillness:
         before = batch.offsets[rows] + steps
         frames = batch.observations[self._newest]
         if self._moves:
-            frames = frames[:, ::EVERY, ::EVERY]
-        one, other = frames[before], frames[before + 1]
-        inside = tuple(range(1, one.ndim))
-        if self._moves:
-            # Of unsigned bytes, whose difference would wrap.
-            is_still = (np.maximum(one, other) - np.minimum(one, other)).mean(axis=inside) < STILL_LEVELS
+            is_still = _is_alike(frames[:, ::EVERY, ::EVERY], before, most=1.0)
+            is_still[is_still] = _is_alike(frames, before[is_still], most=OTHER_SHARE)
         else:
-            is_still = (one == other).all(axis=inside)
+            one, other = frames[before], frames[before + 1]
+            is_still = (one == other).all(axis=tuple(range(1, one.ndim)))
         told = beside(batch.fields)
         for part in (told, batch.achieved_goals):
             if part is not None:
@@ -82,3 +86,15 @@ class Stillness:
         chosen = np.zeros_like(batch.mask)
         chosen[rows] = np.arange(chosen.shape[1]) < lengths[:, None] - 1
         return self(batch, chosen)
+
+
+def _is_alike(frames: NDArray[Any], before: NDArray[np.int64], most: float) -> NDArray[np.bool_]:
+    """Whether frames of unsigned bytes look like those behind them, with at most a share of other numbers."""
+    one, other = frames[before], frames[before + 1]
+    inside = tuple(range(1, one.ndim))
+    brighter = np.maximum(one, other)
+    difference = brighter - np.minimum(one, other)  # a plain difference would wrap
+    level = brighter.max(axis=inside, keepdims=True, initial=1) / 255
+    is_near: NDArray[np.bool_] = difference.mean(axis=inside) < STILL_LEVELS * level.reshape(-1)
+    is_near &= (difference >= OTHER_LEVELS * level).mean(axis=inside) <= most
+    return is_near

@@ -88,6 +88,25 @@ def check_run(config: Config, run: Path) -> None:
             )
 
 
+def as_begun(config: Config, run: Path) -> Config:
+    """The same configuration with what the task decided when a run began, where that run goes on.
+
+    A version may let a task decide otherwise than the one before, and a run keeps to what it began with.
+
+    Raises:
+        CheckpointError: the directory holds a configuration that cannot be read.
+    """
+    if not ((run / CONFIG_NAME).exists() and has_checkpoint(run)):
+        return config
+    old = read_config(run)
+    update: dict[str, Any] = {}
+    for key in _left_to_task(config):
+        name, _, leaf = key.partition(".")
+        section = update.get(name, getattr(config, name))
+        update[name] = section.model_copy(update={leaf: getattr(getattr(old, name), leaf)})
+    return config.model_copy(update=update)
+
+
 @contextmanager
 def open_run(
     config: Config, run: Path, *, precision: str, episodes: int, start: Mapping[str, Any] | None = None

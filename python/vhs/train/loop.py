@@ -13,7 +13,7 @@ from vhs.acting.setup import check_runnable, convolution_dtype, learn_spec, sett
 from vhs.config import Config, TrainSection
 from vhs.interrupt import stop_on_signal
 from vhs.models import ExtractorFactory
-from vhs.runs.directory import check_run, open_run
+from vhs.runs.directory import as_begun, check_run, open_run
 from vhs.runs.loggers import check_loggers
 from vhs.task import Task
 from vhs.train.exchange import check_sees, check_share, facts
@@ -63,6 +63,7 @@ def train(
             device = world.device(config.train.device)
             here = config.model_copy(update={"train": config.train.model_copy(update={"device": device})})
             check_runnable(here, task)
+            config, here = as_begun(config, run), as_begun(here, run)
             spec = learn_spec(here, task)
             config, here = settled(config, spec), settled(here, spec)
             if not world.rank:

@@ -26,7 +26,7 @@ from vhs.acting.resume import count_episodes, episodes_state, resume_episodes
 from vhs.acting.seeds import Seeds, episode_seeds, own_seed
 from vhs.acting.setup import (
     check_spec,
-    for_training,
+    horizon_factor,
     learn_spec,
     make_buffer,
     make_stepping,
@@ -40,7 +40,7 @@ from vhs.models import ExtractorFactory
 from vhs.runs.checkpoint import fitting, has_checkpoint, load_checkpoint, save_checkpoint
 from vhs.runs.directory import fixed_settings
 from vhs.runs.window import Window
-from vhs.task import Task, TaskSpec
+from vhs.task import Task, TaskSpec, lengthened
 from vhs.train.build import make_learner
 from vhs.train.exchange import News, collect, packed, unpacked
 from vhs.train.log import Log
@@ -105,7 +105,7 @@ class Session:
         self._is_stop_agreed = False
         check_spec(config, task, spec, is_own=extractor is not None)
         self._max_steps = spec.max_episode_steps
-        task, spec = for_training(config, task, spec)
+        task, spec = lengthened(task, spec, horizon_factor(config, can_last=spec.can_last))
         self._learner = make_learner(config, spec, extractor, world)
         self._generator = torch.Generator().manual_seed(config.seed)
         self._window = Window(self._max_steps)
@@ -251,13 +251,23 @@ class Session:
         self.rows_until = self.progress.episodes
 
     def _doubt(self, log: Log) -> None:
-        """Say after the first row that there was no success: nobody learns from a judge that sees none."""
-        count = len(self._window.episodes)
-        is_seen = any(episode.outcome == Outcome.SUCCESS for episode in self._window.episodes)
-        if count == self.progress.episodes >= _MANY and not is_seen:
+        """Say after the first row what should not be: nobody learns from a judge that sees no success."""
+        episodes = self._window.episodes
+        count = len(episodes)
+        if not count == self.progress.episodes >= _MANY:
+            return
+        if all(episode.outcome != Outcome.SUCCESS for episode in episodes):
             log.say(
                 f"none of the first {count} episodes was a success; if one was, `judge` of task "
                 f"{self._task.name} does not say so"
+            )
+        longest = max(episode.steps for episode in episodes)
+        may_last = self._buffer.max_episode_steps
+        is_timeout = any(episode.outcome == Outcome.TIMEOUT for episode in episodes)
+        if is_timeout and longest <= self._max_steps < may_last:
+            log.say(
+                f"none of the first {count} episodes lasted longer than {longest} steps, where training may "
+                f"take {may_last} (env.horizon_factor): task {self._task.name} ends them by itself"
             )
 
     def _row(self) -> dict[str, Any]:
