@@ -1,5 +1,6 @@
 """Episodes of training last longer than those of the task; rates and evaluation know the task's own steps."""
 
+from dataclasses import replace
 from functools import partial
 from io import StringIO
 from pathlib import Path
@@ -10,8 +11,11 @@ import pytest
 from toy import Toy, toy_config
 
 from vhs.acting.policy import load_agent
-from vhs.config import Config
+from vhs.acting.setup import task_of
+from vhs.config import Config, load_config
+from vhs.errors import CheckpointError, ConfigError
 from vhs.eval import evaluate
+from vhs.runs.directory import read_config
 from vhs.runs.rows import read_log
 from vhs.task import Task
 from vhs.train import train
@@ -89,6 +93,72 @@ def test_an_environment_that_counts_its_steps_is_told_how_many(tmp_path: Path) -
     told = late(99, max_steps_keyword="max_steps")
     assert told.new_env().max_steps == 6
     assert last_row(tmp_path / "told", told, configured("env.horizon_factor=2"))["env_steps"] == 24 * 12
+
+
+def test_a_factor_that_the_environment_does_not_follow_is_said(tmp_path: Path) -> None:
+    said = StringIO()
+    few = ("train.episodes=100", "train.log_every=100", "env.horizon_factor=2")
+    train(configured(*few), tmp_path / "short", said, task=late(99, kwargs={"max_steps": 6}))
+    assert "none of the first 100 episodes lasted longer than 6 steps, where training may take 12" in (
+        said.getvalue()
+    )
+    said = StringIO()
+    train(configured(*few), tmp_path / "long", said, task=late(9))
+    assert "lasted longer" not in said.getvalue()
+
+
+def longest(task: Task) -> int | None:
+    """Of a registered environment."""
+    spec = task.new_env().spec
+    return spec and spec.max_episode_steps
+
+
+def test_the_limit_among_the_keywords_of_a_configuration_is_the_tasks(tmp_path: Path) -> None:
+    words = tmp_path / "words.yaml"
+    words.write_text("task: {make: CartPole-v1, max_steps: 20, max_steps_keyword: max_episode_steps}\n")
+    key = "env.kwargs.max_episode_steps"
+    assert longest(task_of(load_config([words]))) == 20
+    task = task_of(load_config([words], [f"{key}=30"]))
+    assert (task.max_steps, task.kwargs, longest(task)) == (30, {}, 30)
+    assert longest(replace(task, max_steps=60)) == 60
+    for wrong in ("0", "many", "true"):
+        with pytest.raises(ConfigError, match=f"{key}: expected a number of steps, found "):
+            task_of(load_config([words], [f"{key}={wrong}"]))
+
+
+class Brittle(Late):
+    """Nobody thought of a seventh step."""
+
+    def step(self, action: Any) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        if self.t == 6:
+            raise IndexError("no seventh step")
+        return super().step(action)
+
+
+def test_the_longer_episode_is_tried_before_a_run_begins(tmp_path: Path) -> None:
+    task = Task(name="brittle", make=partial(Brittle, 99), max_steps=6, interactions={3: 0, 4: 1})
+    assert train(configured(), tmp_path / "plain", StringIO(), task=task)
+    with pytest.raises(IndexError, match="no seventh step"):
+        train(configured("env.horizon_factor=2"), tmp_path / "longer", StringIO(), task=task)
+    assert not (tmp_path / "longer").exists()
+
+
+def test_a_run_keeps_to_what_its_task_decided_when_it_began(tmp_path: Path) -> None:
+    """As of an earlier version, which let no episode last longer."""
+    task = late(99, max_steps_keyword="max_steps")
+    before = configured("env.horizon_factor=1", "env.retry_share=0")
+    assert last_row(tmp_path, task, before)["env_steps"] == 24 * 6
+    assert last_row(tmp_path, task, configured("train.episodes=48"))["env_steps"] == 48 * 6
+    assert (read_config(tmp_path).env.horizon_factor, read_config(tmp_path).env.retry_share) == (1, 0)
+    with pytest.raises(CheckpointError, match=r"other values of env\.horizon_factor"):
+        train(configured("train.episodes=48", "env.horizon_factor=2"), tmp_path, StringIO(), task=task)
+
+
+def test_a_task_that_has_become_longer_cannot_go_on(tmp_path: Path) -> None:
+    train(configured("method.name=vhs", "method.replay_ratio=1"), tmp_path, StringIO(), task=late(5))
+    longer, more = replace(late(5), max_steps=8), configured("train.episodes=48", "method.replay_ratio=1")
+    with pytest.raises(CheckpointError, match=r"expected episodes of up to 6 steps in training, .* found 8"):
+        train(more, tmp_path, StringIO(), task=longer)
 
 
 def test_a_late_run_goes_on_as_it_would_have(tmp_path: Path) -> None:
