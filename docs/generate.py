@@ -28,6 +28,8 @@ PARTS: dict[str, Callable[[], str]] = {
     "imitated again": tables.replay,
     "memory": tables.memory,
     "ways": tables.ways,
+    "again": tables.again,
+    "goals behind objects, again": tables.aside_again,
     "new objects, shown": tables.shown,
     "new objects, learned": tables.learned,
     "elsewhere": tables.elsewhere,

@@ -24,6 +24,7 @@ from results.tables import LONG, NEW_OBJECTS, OVERLOOKED
 from vhs.eval.paper import SUCCESS
 
 COLOURS = {
+    "again": "#0a1f5c",
     "vhs": "#093dbe",
     "paper": "#7a9ff0",
     "pg": "#8f498a",
@@ -84,6 +85,11 @@ def replay() -> Figure:
 def memory() -> Figure:
     """Success over training, Task 2, before and after the memory was asked."""
     return _two(records.memory_runs(), {"after": "after", "before": "before"})
+
+
+def again() -> Figure:
+    """Success over training, Task 2, before and after missed seeds began again."""
+    return _two(records.again_runs(), {"after": "after", "before": "before"})
 
 
 def new_objects() -> Figure:
@@ -193,6 +199,7 @@ FIGURES = {
     "localisation.svg": localisation,
     "replay.svg": replay,
     "memory.svg": memory,
+    "again.svg": again,
     "new-objects.svg": new_objects,
     "elsewhere.svg": elsewhere,
     "overlooked.svg": overlooked,

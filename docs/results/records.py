@@ -18,10 +18,17 @@ ROOMS = (0, 1, 2)
 """Seeds of the evaluations that count: others chose between agents."""
 TASKS = ("task1", "task2", "task3")
 METHODS = {"vhs": "VHS", "pg": "PG", "gdan": "GDAN", "a3c": "A3C", "gcsl": "GCSL"}
-SHORT_METHODS = {"vhs": "VHS", "paper": "VHS, the paper's terms", **METHODS}
-"""Of 30,000 episodes: as configured, and with no more terms than the paper has."""
+SHORT_METHODS = {
+    "again": "VHS",
+    "vhs": "VHS, every seed once",
+    "paper": "VHS, the paper's terms",
+    **{name: shown for name, shown in METHODS.items() if name != "vhs"},
+}
+"""Of 30,000 episodes: as configured, before missed seeds began again, with no more terms than the paper has."""
 FINAL, DEFAULT, MEMORY = "final-2026-11.json", "vhs-2026-11.json", "memory-2026-11.json"
-"""Runs of 30,000 episodes: of all methods with the paper's terms, of VHS as configured, of what led there."""
+"""Runs of 30,000 episodes: of all methods with the paper's terms, of VHS with its own, of what led there."""
+AGAIN = "again-2026-11.json"
+"""The same as configured, whose episodes may last longer and whose missed seeds begin again."""
 VARIANTS = {
     "vhs": "failures, probability 0.8 (VHS)",
     "vhs-relabel_probability=0.4": "failures, probability 0.4",
@@ -57,9 +64,10 @@ def load(name: str) -> Any:
 
 
 def short_runs() -> Any:
-    """Runs of 30,000 episodes by task and method: VHS as configured, as the paper has it, and its rivals."""
+    """Runs of 30,000 episodes by task and method: VHS as configured, as it and the paper had it, its rivals."""
     paper = {name.replace("-vhs-seed", "-paper-seed"): run for name, run in load(FINAL).items()}
-    return paper | load(DEFAULT)
+    again = {name.replace("-vhs-seed", "-again-seed"): run for name, run in load(AGAIN).items()}
+    return paper | load(DEFAULT) | again
 
 
 def memory_runs() -> Any:
@@ -70,6 +78,16 @@ def memory_runs() -> Any:
         if name.startswith("task2-vhs-seed")
     }
     return load(MEMORY) | after
+
+
+def again_runs() -> Any:
+    """Task 2 before missed seeds began again, and after."""
+    return {
+        name.replace("task2-vhs", shown): run
+        for shown, file in (("before", DEFAULT), ("after", AGAIN))
+        for name, run in load(file).items()
+        if name.startswith("task2-vhs-seed")
+    }
 
 
 def elsewhere() -> dict[tuple[str, str], list[Curve]]:

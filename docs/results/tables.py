@@ -106,13 +106,11 @@ def overlooked() -> str:
 
 def aside() -> str:
     """Success by how far another object stands from the straight line to the goal."""
+    return _by("aside", "metres", _metres)
 
-    def shown(low: float, high: float) -> str:
-        return (
-            f"below {high:g}" if low == 0 else f"{low:g} and more" if high == 10 else f"{low:g} to {high:g}"
-        )
 
-    return _by("aside", "metres", shown)
+def _metres(low: float, high: float) -> str:
+    return f"below {high:g}" if low == 0 else f"{low:g} and more" if high == 10 else f"{low:g} to {high:g}"
 
 
 def _by(key: str, title: str, shown: Callable[[Any, Any], str]) -> str:
@@ -149,6 +147,30 @@ def memory() -> str:
     names = {"before": "before", "after": "after"}
     marks, title = (3_000, 4_000, 5_000), "after 30,000, rooms of seeds 0 to 2"
     return _on_the_way(records.memory_runs(), names, marks, records.ROOMS, title)
+
+
+def again() -> str:
+    """Before and after episodes could last longer and missed seeds began again, likewise."""
+    names = {"before": "before", "after": "after"}
+    marks, title = (2_000, 3_000, 4_000), "after 30,000, rooms of seeds 0 to 2"
+    return _on_the_way(records.again_runs(), names, marks, records.ROOMS, title)
+
+
+def aside_again() -> str:
+    """Success by how far another object stands from the straight line to the goal, before and after."""
+    agents = load("overlooked-again.json")["agents"]
+    found = {
+        shown: [agent["aside"] for name, agent in agents.items() if name.startswith(shown)]
+        for shown in ("before", "after")
+    }
+    rows = []
+    for number, place in enumerate(found["after"][0]):
+        each = [
+            _percent(float(np.mean([run[number]["success"] / run[number]["episodes"] for run in runs])))
+            for runs in found.values()
+        ]
+        rows.append([_metres(place["from"], place["to"]), str(place["episodes"]), *each])
+    return _table(["metres", "episodes", *found], rows)
 
 
 def ways() -> str:

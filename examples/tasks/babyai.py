@@ -36,12 +36,4 @@ def read(observation):
     return vhs.Seen(observation["image"], label=GOALS.index(" ".join(observation["mission"].split()[-2:])))
 
 
-task = vhs.Task(
-    make=make,
-    read=read,
-    touched=itemgetter("faces"),
-    max_steps=64,
-    max_steps_keyword="max_steps",
-    goals=GOALS,
-    keys=KEYS,
-)
+task = vhs.Task(make=make, read=read, touched=itemgetter("faces"), max_steps=64, goals=GOALS, keys=KEYS)

@@ -33,8 +33,8 @@ def test_environments_and_training_are_measured(
     speed = json.loads(capsys.readouterr().out)
     assert speed["environments_steps_per_s"] > 0
     assert speed["minutes"] == pytest.approx(240 / speed["episodes_per_s"] / 60)
-    # An episode of the rooms takes one to twenty steps.
-    assert 1 <= speed["steps_per_s"] / speed["episodes_per_s"] <= 20
+    # An episode of the rooms takes one to twenty steps, and in training twice as many.
+    assert 1 <= speed["steps_per_s"] / speed["episodes_per_s"] <= 40
     assert set(speed["shares"]) == {"environments", "acting", "learning", "the rest"}
     assert sum(speed["shares"].values()) == pytest.approx(1)
     assert min(speed["shares"].values()) >= 0
