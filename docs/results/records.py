@@ -24,7 +24,7 @@ SHORT_METHODS = {
     "paper": "VHS, the paper's terms",
     **{name: shown for name, shown in METHODS.items() if name != "vhs"},
 }
-"""Of 30,000 episodes: as configured, before missed seeds began again, with no more terms than the paper has."""
+"""Of 30,000 episodes: as configured, before missed seeds began again, with the paper's terms alone."""
 FINAL, DEFAULT, MEMORY = "final-2026-11.json", "vhs-2026-11.json", "memory-2026-11.json"
 """Runs of 30,000 episodes: of all methods with the paper's terms, of VHS with its own, of what led there."""
 AGAIN = "again-2026-11.json"
@@ -64,7 +64,7 @@ def load(name: str) -> Any:
 
 
 def short_runs() -> Any:
-    """Runs of 30,000 episodes by task and method: VHS as configured, as it and the paper had it, its rivals."""
+    """Runs of 30,000 episodes by task and method: VHS as configured, every seed once, as in the paper."""
     paper = {name.replace("-vhs-seed", "-paper-seed"): run for name, run in load(FINAL).items()}
     again = {name.replace("-vhs-seed", "-again-seed"): run for name, run in load(AGAIN).items()}
     return paper | load(DEFAULT) | again
