@@ -24,8 +24,8 @@ from results.tables import LONG, NEW_OBJECTS, OVERLOOKED
 from vhs.eval.paper import SUCCESS
 
 COLOURS = {
-    "again": "#0a1f5c",
     "vhs": "#093dbe",
+    "once": "#0a1f5c",
     "paper": "#7a9ff0",
     "pg": "#8f498a",
     "gdan": "#e47711",

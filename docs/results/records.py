@@ -19,13 +19,13 @@ ROOMS = (0, 1, 2)
 TASKS = ("task1", "task2", "task3")
 METHODS = {"vhs": "VHS", "pg": "PG", "gdan": "GDAN", "a3c": "A3C", "gcsl": "GCSL"}
 SHORT_METHODS = {
-    "again": "VHS",
-    "vhs": "VHS, every seed once",
+    "vhs": "VHS",
+    "once": "VHS, every seed once",
     "paper": "VHS, the paper's terms",
-    **{name: shown for name, shown in METHODS.items() if name != "vhs"},
+    **METHODS,
 }
 """Of 30,000 episodes: as configured, before missed seeds began again, with the paper's terms alone."""
-FINAL, DEFAULT, MEMORY = "final-2026-11.json", "vhs-2026-11.json", "memory-2026-11.json"
+FINAL, ONCE, MEMORY = "final-2026-11.json", "vhs-2026-11.json", "memory-2026-11.json"
 """Runs of 30,000 episodes: of all methods with the paper's terms, of VHS with its own, of what led there."""
 AGAIN = "again-2026-11.json"
 """The same as configured, whose episodes may last longer and whose missed seeds begin again."""
@@ -66,15 +66,15 @@ def load(name: str) -> Any:
 def short_runs() -> Any:
     """Runs of 30,000 episodes by task and method: VHS as configured, every seed once, as in the paper."""
     paper = {name.replace("-vhs-seed", "-paper-seed"): run for name, run in load(FINAL).items()}
-    again = {name.replace("-vhs-seed", "-again-seed"): run for name, run in load(AGAIN).items()}
-    return paper | load(DEFAULT) | again
+    once = {name.replace("-vhs-seed", "-once-seed"): run for name, run in load(ONCE).items()}
+    return paper | once | load(AGAIN)
 
 
 def memory_runs() -> Any:
     """Task 2 before still steps were left out and the memory was asked, and after."""
     after = {
         name.replace("task2-vhs", "after"): run
-        for name, run in load(DEFAULT).items()
+        for name, run in load(ONCE).items()
         if name.startswith("task2-vhs-seed")
     }
     return load(MEMORY) | after
@@ -84,7 +84,7 @@ def again_runs() -> Any:
     """Task 2 before missed seeds began again, and after."""
     return {
         name.replace("task2-vhs", shown): run
-        for shown, file in (("before", DEFAULT), ("after", AGAIN))
+        for shown, file in (("before", ONCE), ("after", AGAIN))
         for name, run in load(file).items()
         if name.startswith("task2-vhs-seed")
     }

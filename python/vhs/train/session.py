@@ -24,15 +24,7 @@ from vhs.acting.episodes import EndedEpisode, Episodes
 from vhs.acting.players import AgentPlayer
 from vhs.acting.resume import count_episodes, episodes_state, resume_episodes
 from vhs.acting.seeds import Seeds, episode_seeds, own_seed
-from vhs.acting.setup import (
-    check_spec,
-    horizon_factor,
-    learn_spec,
-    make_buffer,
-    make_stepping,
-    settled,
-    task_of,
-)
+from vhs.acting.setup import check_spec, learn_spec, make_buffer, make_stepping, settled, task_of
 from vhs.config import Config
 from vhs.interrupt import StopRequest
 from vhs.learning.learner import reached_after
@@ -105,7 +97,7 @@ class Session:
         self._is_stop_agreed = False
         check_spec(config, task, spec, is_own=extractor is not None)
         self._max_steps = spec.max_episode_steps
-        task, spec = lengthened(task, spec, horizon_factor(config, can_last=spec.can_last))
+        task, spec = lengthened(task, spec, config.env.horizon_factor or 1.0)
         self._learner = make_learner(config, spec, extractor, world)
         self._generator = torch.Generator().manual_seed(config.seed)
         self._window = Window(self._max_steps)
