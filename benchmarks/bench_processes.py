@@ -23,6 +23,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import torch
 from torch.distributed.launcher.api import elastic_launch
 
 from vhs.config import load_config
@@ -42,6 +43,7 @@ def measure(config_path: str, updates: int, overrides: list[str]) -> dict[str, A
     with joined() as world, tempfile.TemporaryDirectory(prefix="vhs-bench-") as directory:
         fixed = [f"train.episodes_per_update={SHARE * world.size}", "env.num_workers=0", "method.warmup=1"]
         config = load_config([config_path], [*fixed, *overrides])
+        torch.set_num_threads(config.train.threads)  # as `train` does
         session, log = Session(config, Path(directory) / "run", world=world), Log()
 
         def learn(count: int) -> list[float]:
