@@ -331,9 +331,13 @@ def test_a_run_with_a_vector_beside_the_picture_goes_on_and_is_exported(tmp_path
             lambda fields: {"compass": fields["compass"]},
             "the fields compass, level as the first time, got compass",
         ),
+        (
+            lambda fields: fields | {"compass": np.array([0, np.nan], np.float32)},
+            r"finite numbers in field `compass`, got nan at \[1\]",
+        ),
     ],
 )
-def test_a_vector_that_changes_its_shape_is_named(change: Any, words: str) -> None:
+def test_a_vector_that_cannot_be_read_is_named(change: Any, words: str) -> None:
     first = []
 
     def read(observation: dict[str, Any]) -> vhs.Seen:
@@ -343,3 +347,29 @@ def test_a_vector_that_changes_its_shape_is_named(change: Any, words: str) -> No
 
     with pytest.raises(ArgumentError, match=f"`read`: expected .*{words}"):
         try_task(compass_task(read=read))
+
+
+@pytest.mark.parametrize(("goals", "entry"), [("state", "frame"), ("vector", "desired_goal")])
+def test_what_is_no_number_is_named(goals: str, entry: str) -> None:
+    task, first = reach_task(goals, ACTIONS["numbered"]), []
+    assert task.read is not None
+
+    def read(observation: dict[str, Any]) -> vhs.Seen:
+        seen = task.read(observation)
+        first.append(1)
+        array = np.full_like(getattr(seen, entry), np.inf)
+        return seen if len(first) <= 2 else replace(seen, **{entry: array})
+
+    with pytest.raises(ArgumentError, match=r"`read`: expected finite numbers in .*, got inf at"):
+        try_task(replace(task, read=read))
+
+
+def test_a_reward_that_is_no_number_is_named() -> None:
+    task = toy_task()
+
+    class Unpaid(gymnasium.RewardWrapper[Any, Any]):
+        def reward(self, reward: Any) -> float:
+            return float("nan")
+
+    with pytest.raises(ArgumentError, match=f"{task.name}: expected a finite reward, got nan"):
+        try_task(replace(task, make=lambda: Unpaid(task.make())))

@@ -7,6 +7,7 @@ that an error names the field of the `Task` that it comes from.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, SupportsFloat
 
@@ -71,6 +72,8 @@ class TaskEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
         """Take a step, and judge it where it was the last."""
         observation, reward, terminated, truncated, info = self.env.step(self._doing(action))
         self._steps += 1
+        if not math.isfinite(float(reward)):
+            raise ArgumentError(f"{self._task.name}: expected a finite reward, got {reward}")
         if self._task.touched is not None:
             with asking(self._task.name, "touched"):
                 self._touched = self._steps if self._task.touched(info) else self._touched
@@ -113,7 +116,8 @@ class TaskEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
                 told["desired_goal"] = self._pictured(seen.desired_goal, "goals that are frames")
             elif spec.goals == "vectors":
                 for entry in ("desired_goal", "achieved_goal"):
-                    told[entry] = np.atleast_1d(np.asarray(getattr(seen, entry), spec.goal_dtype))
+                    vector = np.atleast_1d(np.asarray(getattr(seen, entry), spec.goal_dtype))
+                    told[entry] = _finite(vector, entry)
             if self._spec.fields:
                 told["fields"] = self._beside(seen.fields)
         with asking(self._task.name, "goals"):
@@ -135,6 +139,7 @@ class TaskEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
                 raise ArgumentError(
                     f"expected field `{name}` {list(known[name].shape)} as the first, got {list(array.shape)}"
                 )
+            _finite(array, f"field `{name}`")
         return arrays
 
     def _pictured(self, seen: Any, what: str) -> NDArray[Any]:
@@ -147,7 +152,7 @@ class TaskEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
                 f"expected {what} {np.dtype(self._spec.frame_dtype)} {list(self._spec.frame_shape)} as the "
                 f"first, got {frame.dtype} {list(frame.shape)}"
             )
-        return frame
+        return _finite(frame, what)
 
 
 def _box(shape: tuple[int, ...], dtype: DTypeLike) -> spaces.Box:
@@ -156,6 +161,14 @@ def _box(shape: tuple[int, ...], dtype: DTypeLike) -> spaces.Box:
         return spaces.Box(-np.inf, np.inf, shape, kind.type)
     limits = np.iinfo(kind)
     return spaces.Box(limits.min, limits.max, shape, kind.type)
+
+
+def _finite(array: NDArray[Any], what: str) -> NDArray[Any]:
+    """As it is: what a network reads has no NaN, or nothing is learned from then on."""
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        place = np.argwhere(~np.isfinite(array))[0].tolist()
+        raise ArgumentError(f"expected finite numbers in {what}, got {array[tuple(place)]} at {place}")
+    return array
 
 
 def _within(number: Any, low: int, limit: int) -> int:
