@@ -11,7 +11,7 @@ import pytest
 from toy import Toy, toy_config
 
 from vhs.acting.policy import load_agent
-from vhs.acting.setup import task_of
+from vhs.acting.setup import learn_spec, settled, task_of
 from vhs.config import Config, load_config
 from vhs.errors import CheckpointError, ConfigError
 from vhs.eval import evaluate
@@ -172,3 +172,14 @@ def test_a_late_run_goes_on_as_it_would_have(tmp_path: Path) -> None:
     }
     ours, theirs = (load_agent(run, task).agent.state_dict() for run in (whole, halved))
     assert all(np.array_equal(ours[name], theirs[name]) for name in ours)
+
+
+@pytest.mark.parametrize(
+    ("override", "found"), [("", (2, 0.25)), ("vhs_weight=0", (1, 0)), ("name=pg", (1, 0))]
+)
+def test_what_is_not_imitated_gets_no_more_time(override: str, found: tuple[float, float]) -> None:
+    config = load_config(
+        [], ["task=task2", "env.num_workers=0", *([f"method.{override}"] if override else [])]
+    )
+    env = settled(config, learn_spec(config, task_of(config))).env
+    assert (env.horizon_factor, env.retry_share) == found

@@ -180,7 +180,7 @@ def settled(config: Config, spec: TaskSpec) -> Config:
         "supcon_batch": max(16, 2 * spec.num_goals),
         "relabel_on": ("failure", "timeout") if reaches_on_the_way else ("failure",),
     }
-    imitates = config.method.row.has_imitation
+    imitates = config.method.imitates
     of_env = {
         "horizon_factor": horizon_factor(config, can_last=spec.can_last),
         "retry_share": 0.25 if spec.is_replayable and imitates else 0.0,
@@ -198,7 +198,7 @@ def horizon_factor(config: Config, *, can_last: bool) -> float:
     """How many times its steps an episode of training may last, of a task that says or does not say how."""
     if config.env.horizon_factor is not None:
         return config.env.horizon_factor
-    return 2.0 if can_last and config.method.row.has_imitation else 1.0
+    return 2.0 if can_last and config.method.imitates else 1.0
 
 
 def check_goals(config: Config, num_goals: int) -> None:

@@ -196,6 +196,11 @@ class MethodSection(_Section):
         return METHODS[self.name]
 
     @property
+    def imitates(self) -> bool:
+        """Whether hindsight imitates: terms of the method do, and have a weight."""
+        return self.row.has_imitation and self.vhs_weight > 0
+
+    @property
     def parts(self) -> frozenset[str]:
         """What reads its keys."""
         return self.row.parts(self.embedding)
