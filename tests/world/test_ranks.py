@@ -157,7 +157,7 @@ def test_a_launcher_that_is_killed_leaves_no_orphan(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("other", "message"),
     [
-        (["--set", "train.gamma=0.5"], "train.gamma: expected 0.95 as rank 0 has it, found 0.5"),
+        (["--set", "train.gamma=0.5"], "train.gamma: expected 0.9 as rank 0 has it, found 0.5"),
         (["--set", "task=task1"], "task: expected task2 as rank 0 has it, found task1"),
         (["--set", "train.gama=0.5"], "unknown key `train.gama`; did you mean `train.gamma`?"),
     ],

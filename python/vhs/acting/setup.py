@@ -185,11 +185,17 @@ def settled(config: Config, spec: TaskSpec) -> Config:
         "horizon_factor": horizon_factor(config, can_last=spec.can_last),
         "retry_share": 0.25 if spec.is_replayable and imitates else 0.0,
     }
+    # A lap of turns before a goal in view should cost much of what an episode can, however long it may be.
+    of_train = {"gamma": max(0.9, 1 - 2 / spec.max_episode_steps)}
     update = {
         name: section.model_copy(
             update={key: value for key, value in wanted.items() if getattr(section, key) is None}
         )
-        for name, section, wanted in (("method", config.method, own), ("env", config.env, of_env))
+        for name, section, wanted in (
+            ("method", config.method, own),
+            ("env", config.env, of_env),
+            ("train", config.train, of_train),
+        )
     }
     return config.model_copy(update=update)
 

@@ -236,8 +236,9 @@ class TrainSection(_Section):
     given, it is at most `learning_rate`."""
     schedule_episodes: PositiveInt = 30_000
     """Episodes over which learning rate and entropy weight move to their ends."""
-    gamma: Annotated[Probability, _RETURNS] = 0.95
-    """Discount (paper: 0.99; then a goal in view is worth little more than one that is not)."""
+    gamma: Annotated[Probability | None, _RETURNS] = None
+    """Discount (paper: 0.99; then a goal in view is worth little more than one that is not). null is
+    1 - 2 / T where an episode of the task takes up to T steps, and at least 0.9."""
     return_lambda: Annotated[Probability, _RL] = 0.75
     """Lambda of the returns: 1 is Monte-Carlo (paper); less trusts the critic's next values in part, and what
     is left of timeouts goes twice as fast."""
@@ -248,7 +249,7 @@ class TrainSection(_Section):
     and far: the value jumps there, while the policy alone loses little by turning past it."""
     entropy_weight: Annotated[NonNegativeFloat, _ENTROPY] = 0.03
     """Entropy coefficient at the start (paper: 0.01; then one of the two turns dies out early)."""
-    entropy_weight_end: Annotated[NonNegativeFloat | None, _ENTROPY] = 0.004
+    entropy_weight_end: Annotated[NonNegativeFloat | None, _ENTROPY] = 0.001
     """Entropy coefficient from `schedule_episodes` on, reached linearly; null keeps `entropy_weight` (paper).
     Unless given, it is at most `entropy_weight`."""
     max_grad_norm: PositiveFloat = 10.0
@@ -362,6 +363,7 @@ DECIDED_BY_TASK = (
     "method.localisation_weight",
     "method.memory_weight",
     "method.imitate_still",
+    "train.gamma",
 )
 """Keys that are null until the task is known (`vhs.acting.setup.settled`)."""
 

@@ -129,6 +129,12 @@ class Forward:
     success_reward: float
     """What the environment pays for the last step of a success, unscaled."""
 
+    @property
+    def gamma(self) -> float:
+        """The discount, once the task is known."""
+        assert self.train.gamma is not None, "a settled configuration"
+        return self.train.gamma
+
     @cached_property
     def steps(self) -> Tensor:
         """Steps of the share's episodes that have just ended, shape []."""
@@ -142,7 +148,7 @@ class Forward:
             self.tensor(self.batch.rewards[: self.num_ended]) * self.train.reward_scale,
             lived.values,
             lived.valid,
-            self.train.gamma,
+            self.gamma,
             self.train.return_lambda,
             lived.beyond,
         )
@@ -158,7 +164,7 @@ class Forward:
             self.method.value_target,
             success_reward=self.success_reward,
             reward_scale=self.train.reward_scale,
-            gamma=self.train.gamma,
+            gamma=self.gamma,
         )
         return hindsight_imitation_loss(
             relabelled.taken,
