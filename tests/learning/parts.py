@@ -25,6 +25,7 @@ def small_learner(*overrides: str, replay: Replay | None = None) -> Learner:
             "method.supcon_batch=12",
             "method.prototype_samples=4",
             "method.relabel_on=[failure]",
+            "train.gamma=0.95",
             *overrides,
         ],
     )

@@ -117,7 +117,7 @@ class Learner:
             agent: the networks, on the device they stay on.
             goals: what names goals, and their images.
             method: its row says the terms, its keys their weights and switches.
-            train: optimiser settings.
+            train: optimiser settings, as settled for the task.
             success_reward: what the environment pays for the last step of a success, unscaled.
             dtype: type in which the convolutions multiply.
             rng: the source of the relabelling decisions.
