@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from toy import Toy, toy_config
+from toy import TOY_SPEC, Toy, toy_config
 
 from vhs.acting.policy import load_agent
 from vhs.acting.setup import learn_spec, settled, task_of
@@ -183,3 +183,16 @@ def test_what_is_not_imitated_gets_no_more_time(override: str, found: tuple[floa
     )
     env = settled(config, learn_spec(config, task_of(config))).env
     assert (env.horizon_factor, env.retry_share) == found
+
+
+@pytest.mark.parametrize(("steps", "gamma"), [(1, 0.9), (20, 0.9), (50, 0.96), (200, 0.99)])
+def test_the_discount_follows_from_how_long_an_episode_may_last(steps: int, gamma: float) -> None:
+    spec = replace(TOY_SPEC, max_episode_steps=steps)
+    assert settled(toy_config("vhs"), spec).train.gamma == pytest.approx(gamma)
+    assert settled(toy_config("vhs", "train.gamma=0.5"), spec).train.gamma == 0.5
+
+
+def test_the_discount_is_of_the_tasks_steps_and_not_of_the_longer_episode(tmp_path: Path) -> None:
+    task = replace(late(9), max_steps=50)
+    train(configured("env.horizon_factor=2", "train.episodes=24"), tmp_path, StringIO(), task=task)
+    assert read_config(tmp_path).train.gamma == pytest.approx(0.96)
