@@ -27,8 +27,9 @@ SHORT_METHODS = {
 """Of 30,000 episodes: as configured, before missed seeds began again, with the paper's terms alone."""
 FINAL, ONCE, MEMORY = "final-2026-11.json", "vhs-2026-11.json", "memory-2026-11.json"
 """Runs of 30,000 episodes: of all methods with the paper's terms, of VHS with its own, of what led there."""
-AGAIN = "again-2026-11.json"
-"""The same as configured, whose episodes may last longer and whose missed seeds begin again."""
+AGAIN, NOW = "again-2026-11.json", "discount-2026-11.json"
+"""The same whose episodes may last longer and whose missed seeds begin again, and as configured: that with a
+discount that the task decides."""
 VARIANTS = {
     "vhs": "failures, probability 0.8 (VHS)",
     "vhs-relabel_probability=0.4": "failures, probability 0.4",
@@ -67,7 +68,7 @@ def short_runs() -> Any:
     """Runs of 30,000 episodes by task and method: VHS as configured, every seed once, as in the paper."""
     paper = {name.replace("-vhs-seed", "-paper-seed"): run for name, run in load(FINAL).items()}
     once = {name.replace("-vhs-seed", "-once-seed"): run for name, run in load(ONCE).items()}
-    return paper | once | load(AGAIN)
+    return paper | once | load(NOW)
 
 
 def memory_runs() -> Any:
