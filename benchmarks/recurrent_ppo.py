@@ -28,7 +28,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 
 from vhs import Outcome
 from vhs.acting.environment import TaskEnv
-from vhs.acting.setup import learn_spec, make_env, task_of
+from vhs.acting.setup import learn_spec, make_env, settled, task_of
 from vhs.config import Config, load_config
 from vhs.task import TaskSpec
 
@@ -130,7 +130,8 @@ class Rows(BaseCallback):
 def make_model(config: Config) -> RecurrentPPO:
     """PPO with an LSTM on the task of a configuration."""
     task = task_of(config)
-    spec, train = learn_spec(config, task), config.train
+    spec = learn_spec(config, task)
+    train = settled(config, spec).train
 
     def make() -> Told:
         return Told(make_env(task, spec), spec, train.reward_scale)

@@ -243,11 +243,11 @@ def test_the_run_of_another_configuration_is_refused_before_anything_starts(
 ) -> None:
     run = tmp_path / "out" / "task2-vhs-seed1"
     run.mkdir(parents=True)
-    (run / "config.yaml").write_text("seed: 1\ntrain: {gamma: 0.5}\n")
+    (run / "config.yaml").write_text("seed: 1\ntrain: {return_lambda: 0.5}\n")
     (run / "run.json").write_text("{}")
     (run / "log.jsonl").write_text('{"episodes": 500}\n')
     with pytest.raises(
-        CheckpointError, match=r"task2-vhs-seed1: holds a run with other values of train\.gamma"
+        CheckpointError, match=r"task2-vhs-seed1: holds a run with other values of train\.return_lambda"
     ):
         run_sweep(tmp_path)
     assert journal.entries == []

@@ -183,7 +183,10 @@ def test_a_run_of_a_device_that_is_not_here_acts_on_the_cpu(tmp_path: Path, run:
 
 @pytest.mark.parametrize(
     ("old", "new", "key"),
-    [("gamma: 0.95", "gamma: 0.94", "train.gamma"), ("renderer: raster", "renderer: mujoco", "env.renderer")],
+    [
+        ("lambda: 0.75", "lambda: 0.74", "train.return_lambda"),
+        ("renderer: raster", "renderer: mujoco", "env.renderer"),
+    ],
 )
 def test_a_configuration_that_changed_since_the_checkpoint_is_refused(
     old: str, new: str, key: str, run: Path, tmp_path: Path
