@@ -66,3 +66,17 @@ def test_new_objects_shows_what_it_asks_for(monkeypatch: pytest.MonkeyPatch) -> 
     assert rates["success"] >= 0.5
     assert rates["reached"]["milk"] == 4 * rates["success"]
     assert sum(rates["reached"].values()) == 4 * (1 - rates["timeout"])
+
+
+def test_tables_hold_the_newest_sampled_evaluations_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    tables = import_module("results.tables")
+    entry = {"seed": 0, "greedy": False, "trained_episodes": 30_000, "success": 0.9, "spl": 0.8}
+    others = [{"greedy": True}, {"seed": 9}, {"trained_episodes": 500}]
+    run = {
+        "columns": ["episodes", "success"],
+        "curve": [[500 * (row + 1), 0.5] for row in range(10)],
+        "evaluations": [entry, *({**entry, "success": 0.1, "spl": 0.1} | other for other in others)],
+    }
+    text = tables._on_the_way({"it-seed0": run}, {"it": "it"}, (1_000,), (0, 1, 2), "in the end")
+    assert "| 90.0 %, SPL 0.80 |" in text

@@ -3,6 +3,7 @@
 import json
 import shlex
 from collections import defaultdict
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -135,13 +136,15 @@ def evaluations(records: dict[str, Any]) -> dict[str, list[dict[str, float]]]:
     return found
 
 
-def counted(entries: list[dict[str, Any]], *, greedy: bool) -> list[dict[str, Any]]:
-    """The newest evaluations in the rooms that count."""
+def counted(
+    entries: list[dict[str, Any]], *, greedy: bool, rooms: Sequence[int] = ROOMS
+) -> list[dict[str, Any]]:
+    """The newest evaluations in the rooms of some seeds, those that count unless others are said."""
     newest = max((entry["trained_episodes"] for entry in entries), default=0)
     return [
         entry
         for entry in entries
-        if entry["trained_episodes"] == newest and entry["seed"] in ROOMS and entry["greedy"] == greedy
+        if entry["trained_episodes"] == newest and entry["seed"] in rooms and entry["greedy"] == greedy
     ]
 
 

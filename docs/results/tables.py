@@ -199,7 +199,7 @@ def _on_the_way(
             continue
         curve = curves({name: run})[name.rpartition("-seed")[0]]
         at = [_window(curve[0], mark) for mark in marks]
-        ends = [entry for entry in run["evaluations"] if entry["seed"] in rooms]
+        ends = counted(run["evaluations"], greedy=False, rooms=rooms)
         success, spl = (np.mean([entry[key] for entry in ends]) if ends else 0 for key in ("success", "spl"))
         end = f"{_percent(float(success))}, SPL {spl:.2f}" if ends else ""
         rows.append([shown, *at, _reached(REFERENCE_RATE, curve, 500), end])
