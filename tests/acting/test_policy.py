@@ -34,7 +34,7 @@ def test_a_run_is_loaded_to_act_without_an_optimiser(run: Path, monkeypatch: pyt
     assert policy.trained_episodes == 8
     assert not policy.agent.training
     for name, value in policy.agent.state_dict().items():
-        assert torch.equal(value, saved["agent"][name]), name
+        assert torch.equal(value, saved["average"]["agent"][name]), name
     for name, value in policy.goals.state_dict().items():
         assert torch.equal(value, saved["prototypes"][name]), name
 
@@ -42,7 +42,7 @@ def test_a_run_is_loaded_to_act_without_an_optimiser(run: Path, monkeypatch: pyt
 def test_of_a_checkpoint_agent_and_goals_alone_are_read(run: Path, tmp_path: Path) -> None:
     state, store = load_checkpoint(run)
     (tmp_path / "config.yaml").write_bytes((run / "config.yaml").read_bytes())
-    needed = {name: state["learner"][name] for name in ("agent", "prototypes")}
+    needed = {name: state["learner"][name] for name in ("agent", "prototypes")}  # without an average
     rest = {name: state[name] for name in ("progress", "settings")}
     save_checkpoint(tmp_path, 8, {"learner": needed, **rest}, store, keep=1)
     assert load_agent(tmp_path).trained_episodes == 8

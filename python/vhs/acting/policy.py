@@ -27,6 +27,7 @@ from vhs.config import Config, EnvSection, resolve_config
 from vhs.config.load import MOST_BYTES, read_task
 from vhs.distribution import find_agent
 from vhs.errors import ConfigError
+from vhs.learning.averaging import averaged
 from vhs.learning.goals import ClassGoals
 from vhs.learning.told import make_goals
 from vhs.models import ExtractorFactory, GoalAgent, make_agent
@@ -182,8 +183,9 @@ def load_agent(
     state, store = load_checkpoint(path)
     with fitting(path):
         check_settings(path, config, state["settings"])
-        policy.agent.load_state_dict(state["learner"]["agent"])
-        policy.goals.load_state_dict(state["learner"]["prototypes"])
+        weights, prototypes = averaged(state["learner"])
+        policy.agent.load_state_dict(weights)
+        policy.goals.load_state_dict(prototypes)
         episodes = int(state["progress"]["episodes"])
     policy.goals.store = store
     return replace(policy, trained_episodes=episodes)

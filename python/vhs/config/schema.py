@@ -252,6 +252,10 @@ class TrainSection(_Section):
     entropy_weight_end: Annotated[NonNegativeFloat | None, _ENTROPY] = 0.001
     """Entropy coefficient from `schedule_episodes` on, reached linearly; null keeps `entropy_weight` (paper).
     Unless given, it is at most `entropy_weight`."""
+    ema_decay: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.999
+    """Share of the old average that an update keeps of the weights which a trained agent is evaluated, shown
+    and exported with; of n updates at most (1 + n) / (10 + n), so that it is of the last tenth of a short
+    run. Training acts with the newest weights and does not read it. 0 keeps no average (paper)."""
     max_grad_norm: PositiveFloat = 10.0
     """Gradient clip (paper: 10)."""
     precision: Literal["auto", "float32", "bfloat16"] = "auto"
@@ -387,6 +391,7 @@ BEFORE: dict[str, Any] = {
     "method.memory_weight": 0.0,
     "method.replay_ratio": 0,
     "method.imitate_still": True,
+    "train.ema_decay": 0.0,
 }
 """What a key had been before it existed: a whole configuration that lacks it was saved then."""
 

@@ -22,6 +22,7 @@ from vhs import EpisodeBatch, Hindsight, Outcome, Rng, relabel
 from vhs.buffer import beside
 from vhs.config import MethodSection, TrainSection
 from vhs.errors import DivergenceError
+from vhs.learning.averaging import Average
 from vhs.learning.goals import GoalImages, Goals
 from vhs.learning.merging import Terms, average_gradients
 from vhs.learning.reckoning import Reckoned, Reckoning, remember
@@ -140,6 +141,7 @@ class Learner:
         self._train = train
         self._success_reward = success_reward
         self._reckoning, self._stillness = reckoning, stillness
+        self._average = Average(train.ema_decay) if train.ema_decay else None
         # Without classes there is nothing to tell images of goals apart by.
         lacking = {
             over
@@ -219,6 +221,8 @@ class Learner:
             self.goals.learned_together(sums)
         elif share.images is not None:
             self.goals.learned(share.images, learned.image_features)
+        if self._average is not None:
+            self._average.update(self.agent, self.goals)
         self.updates += 1
         return metrics
 
@@ -437,12 +441,14 @@ class Learner:
 
     def state_dict(self) -> dict[str, Any]:
         """Everything that an update reads or changes, but for the goal store (which saves itself)."""
+        average = {} if self._average is None else {"average": self._average.state_dict()}
         return {
             "agent": self.agent.state_dict(),
             "optimiser": self.optimiser.state_dict(),
             "prototypes": self.goals.state_dict(),
             "rng": torch.from_numpy(self.rng.state),
             "updates": self.updates,
+            **average,
             **self._replay_state(),
         }
 
@@ -453,6 +459,8 @@ class Learner:
         self.goals.load_state_dict(state["prototypes"])
         self.rng = Rng.from_state(state["rng"].numpy())
         self.updates = int(state["updates"])
+        if self._average is not None and "average" in state:
+            self._average.load_state_dict(state["average"], self._device)
         if self.replay is not None:
             self.replay.load_state_dict(state["replay"])
 

@@ -16,6 +16,7 @@ from torch import Tensor
 from vhs import GoalStore
 from vhs.distribution import find_agent
 from vhs.errors import CheckpointError
+from vhs.learning.averaging import averaged
 from vhs.learning.goals import Goals
 from vhs.learning.learner import Learner
 from vhs.models import GoalAgent
@@ -105,8 +106,7 @@ def _read(path: Path) -> _Found:
         file = read_agent(path / AGENT_NAME)
         return _Found(file.networks, file.prototypes, None, file.trained_episodes)
     state, store = load_checkpoint(path)
-    learned = state["learner"]
-    return _Found(learned["agent"], learned["prototypes"], store, int(state["progress"]["episodes"]))
+    return _Found(*averaged(state["learner"]), store, int(state["progress"]["episodes"]))
 
 
 def _named(path: Path, goals: Goals, found: Mapping[str, Tensor]) -> dict[str, Tensor]:
