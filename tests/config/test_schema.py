@@ -113,7 +113,7 @@ def test_a_schedule_does_not_rise_unless_it_is_asked_to() -> None:
     train = load_config([], ["train.entropy_weight=0", "train.learning_rate=1e-5"]).train
     assert (train.entropy_weight_end, train.learning_rate_end) == (0, 1e-5)
     train = load_config([], ["train.entropy_weight=0", "train.entropy_weight_end=0.1"]).train
-    assert (train.entropy_weight_end, train.learning_rate_end) == (0.1, 2e-5)
+    assert (train.entropy_weight_end, train.learning_rate_end) == (0.1, 1.5e-4)
     assert load_config([], ["train.entropy_weight=0.5"]).train.entropy_weight_end == 0.001
 
 

@@ -231,9 +231,10 @@ class TrainSection(_Section):
     learning_rate: PositiveFloat = 5e-4
     """Adam with AMSGrad, at the start (paper: 1e-4 for one episode an update; at 1e-3 trained policies
     collapse); the method's own unless given."""
-    learning_rate_end: PositiveFloat | None = 2e-5
+    learning_rate_end: PositiveFloat | None = 1.5e-4
     """Learning rate from `schedule_episodes` on, reached linearly; null keeps `learning_rate` (paper). Unless
-    given, it is at most `learning_rate`."""
+    given, it is at most `learning_rate`. What a lower one would do for the trained agent, an average of the
+    weights does (`ema_decay`), while training learns on."""
     schedule_episodes: PositiveInt = 30_000
     """Episodes over which learning rate and entropy weight move to their ends."""
     gamma: Annotated[Probability | None, _RETURNS] = None
