@@ -1,6 +1,7 @@
 """Averaged weights: what they are, and that training does not read them."""
 
 import copy
+from types import SimpleNamespace
 
 import numpy as np
 import torch
@@ -61,6 +62,30 @@ def test_a_class_that_is_seen_late_begins_with_its_first_prototype() -> None:
     assert 0 < found[0, 0] < 29
     assert torch.equal(found[1], torch.full((DIM,), 5.0))
     assert not found[2].any()
+
+
+def test_what_is_no_number_or_changes_its_shape_is_as_it_is_now() -> None:
+    """An extractor of one's own may keep anything that a checkpoint can hold."""
+    goals, average = small_learner().goals, Average(0.9)
+    kept = torch.zeros(2, dtype=torch.int64)
+    for update in range(4):
+        kept[0] = update
+        state = {
+            "weight": torch.full((3,), float(update)),
+            "memory": torch.ones(update),
+            "count": kept,
+            "_extra_state": {"seen": update},
+        }
+        average.update(SimpleNamespace(state_dict=lambda state=state: state), goals)
+    kept[0] = 100
+    found = average.state_dict()["agent"]
+    assert 0 < found["weight"][0] < 3
+    assert found["memory"].tolist() == [1, 1, 1]
+    assert found["count"].tolist() == [3, 0], "a copy"
+    assert found["_extra_state"] == {"seen": 3}
+    again = Average(0.9)
+    again.load_state_dict(average.state_dict(), torch.device("cpu"))
+    assert again.state_dict()["agent"].keys() == found.keys()
 
 
 def test_a_learner_goes_on_with_its_average() -> None:

@@ -84,6 +84,17 @@ def generators(of: Learner) -> list[NDArray[np.uint64]]:
     return [of.rng.state, of.goals.store.rng_state, of.goals.state_dict()["rng"].numpy()]
 
 
+def test_another_run_begins_with_the_averaged_weights(tmp_path: Path) -> None:
+    train(debug_config("train.episodes=12", "env.num_workers=0"), tmp_path / "run", StringIO())
+    state, _ = load_checkpoint(tmp_path / "run")
+    new = make_learner(debug_config(), load_agent(tmp_path / "run").spec)
+    start(str(tmp_path / "run"), new)
+    average, newest = state["learner"]["average"]["agent"], state["learner"]["agent"]
+    for name, value in new.agent.state_dict().items():
+        assert torch.equal(value, average[name]), name
+    assert any(not torch.equal(average[name], newest[name]) for name in newest)
+
+
 @pytest.mark.parametrize("name", ["vhs", "a3c", "gdan"])
 def test_new_classes_come_behind_the_old_ones(name: str, tmp_path: Path) -> None:
     """Sight, words and discriminator get rows, prototypes and store a class that has nothing yet."""

@@ -7,6 +7,7 @@ Juditsky 1992, "Acceleration of stochastic approximation by averaging").
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from typing import Any
 
@@ -32,18 +33,18 @@ class Average:
         """
         self._decay = decay
         self._updates = 0
-        self._agent: dict[str, Tensor] = {}
+        self._agent: dict[str, Any] = {}
         self._table: Tensor | None = None
 
     def update(self, agent: GoalAgent, goals: Goals) -> None:
         """Take in the weights and the prototypes that an update left."""
         share = 1 - min(self._decay, (1 + self._updates) / (10 + self._updates))
         for name, newest in agent.state_dict().items():
-            average = self._agent.setdefault(name, newest.clone())
-            if average.is_floating_point():
+            average = self._agent.get(name)
+            if isinstance(average, Tensor) and _are_alike(average, newest):
                 average.lerp_(newest, share)
-            else:  # batches, counted by the batch norm
-                average.copy_(newest)
+            else:  # counts of batches, and whatever else an extractor of one's own keeps
+                self._agent[name] = copy.deepcopy(newest)
         table = goals.state_dict().get("table")
         if table is not None:
             before = table if self._table is None else self._table
@@ -58,8 +59,18 @@ class Average:
     def load_state_dict(self, state: Mapping[str, Any], device: torch.device) -> None:
         """Return to a state that `state_dict` gave; `device` is where the agent is."""
         self._updates = int(state["updates"])
-        self._agent = {name: average.to(device) for name, average in state["agent"].items()}
+        self._agent = {
+            name: average.to(device) if isinstance(average, Tensor) else average
+            for name, average in state["agent"].items()
+        }
         self._table = state.get("table")
+
+
+def _are_alike(average: Tensor, newest: Any) -> bool:
+    """Whether both are real numbers, of one type and shape: what a mean can be made of."""
+    if not isinstance(newest, Tensor) or not newest.is_floating_point():
+        return False
+    return (average.dtype, average.shape) == (newest.dtype, newest.shape)
 
 
 def averaged(learned: Mapping[str, Any]) -> tuple[Mapping[str, Tensor], Mapping[str, Tensor]]:
