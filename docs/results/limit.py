@@ -18,24 +18,24 @@ from visible import Visible
 
 from vhs.acting.seeds import episode_seeds
 from vhs.envs import RoomEnv, plan
-from vhs.envs.config import HEADINGS
+from vhs.envs.config import HEADINGS, TURN_LEFT, TURN_RIGHT
 from vhs.envs.oracle import NoPlanError
 from vhs.envs.task import load_room
 from vhs.runs.directory import describe
 
-TURN_LEFT, TURN_RIGHT = 1, 2
 PIXELS = (1, 10, 25, 50)
 """Of the goal in the view that ends the search, at least."""
 
 
 def limits(task: str, episodes: int, seeds: list[int]) -> list[dict[str, Any]]:
-    """Success and SPL over the rooms that `vhs eval` has, a row for each number of pixels."""
+    """SPL over the rooms that `vhs eval` has, and the share that is seen; a row for each number of pixels."""
     room: RoomEnv = load_room(task).new_env().unwrapped  # type: ignore[assignment]
     visible = Visible(room)
-    found: dict[tuple[int, int], list[float]] = {(px, turn): [] for px in PIXELS for turn in (1, 2)}
+    turns = TURN_LEFT, TURN_RIGHT
+    found: dict[tuple[int, int], list[float]] = {(px, turn): [] for px in PIXELS for turn in turns}
     for seed in seeds:
         for of_room in islice(episode_seeds(seed, purpose=1), episodes):
-            for turn in (TURN_LEFT, TURN_RIGHT):
+            for turn in turns:
                 for pixels, spl in _spl(room, visible, of_room, turn).items():
                     found[pixels, turn].append(spl)
     room.close()

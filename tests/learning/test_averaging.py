@@ -58,7 +58,12 @@ def test_a_class_that_is_seen_late_begins_with_its_first_prototype() -> None:
             table[1] = 5.0
         learner.goals.load_state_dict(learner.goals.state_dict() | {"table": torch.from_numpy(table.copy())})
         average.update(learner.agent, learner.goals)
-    found = average.state_dict()["table"]
+    kept = average.state_dict()
+    found, now = kept["table"], learner.goals.state_dict()
+    _, named = averaged({"agent": {}, "prototypes": now, "average": kept})
+    assert torch.equal(named["table"], found)
+    assert not torch.equal(found, now["table"])
+    assert torch.equal(named["seen"], now["seen"])
     assert 0 < found[0, 0] < 29
     assert torch.equal(found[1], torch.full((DIM,), 5.0))
     assert not found[2].any()
